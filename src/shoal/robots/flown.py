@@ -516,7 +516,7 @@ def _notes(flown: Sequence[FlownMission]) -> Iterator[str]:
                 f"robot {flight.mission.robot}: its heights were not compared with those of its"
                 " mission, which are not above home"
             )
-        if heights is not None and flight.aloft is not None:
+        if heights is not None:
             for length, (least, most), where in (
                 (heights.lower_m, heights.lower, "below"),
                 (heights.higher_m, heights.higher, "above"),

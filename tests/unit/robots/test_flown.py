@@ -281,6 +281,7 @@ def test_a_track_beside_its_path_sees_what_is_below_it(field, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("height", "sentence"),
     [
+        (0.5, "flown 0.5 to 0.5 m above home, more than 6 m below the planned height"),
         (10.0, "flown 10 to 10 m above home, more than 6 m below the planned height"),
         (25.0, None),
         (35.0, None),
@@ -299,7 +300,9 @@ def test_heights_far_from_the_planned_one_are_told(field, tmp_path, capsys, heig
     else:
         assert sorted((lower, higher)) == pytest.approx([0, robot["planned_search_m"]], abs=5)
         assert sentence in err
-        assert told["notes"] == [err.splitlines()[0].removeprefix("shoal: ")]
+        assert told["notes"] == [
+            one.removeprefix("shoal: ") for one in err.splitlines()[: 1 + (height < 1)]
+        ]
 
 
 def test_a_part_of_a_search_that_was_too_low_is_told(field, tmp_path, capsys):

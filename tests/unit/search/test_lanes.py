@@ -14,6 +14,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.missions import MissionSet, check_missions
 from shoal.search import SearchProblem, coverage_check, open_region, plan_search, region_of
 from shoal.search.cells.lanes import cells_along, center_line
+from shoal.search.cells.viewpoints import difference
 from shoal.search.flight.timing import turns_of
 from shoal.search.planning import plan as plan_module
 from shoal.search.planning.plan import turns_by_robot
@@ -247,3 +248,20 @@ def test_a_corner_that_only_a_turned_footprint_sees_has_a_viewpoint():
     grid = plan_search(problem, seed=1).grid
     assert shapely.intersects_xy(grid.region.free.buffer(1e-6), *grid.viewpoints.T).all()
     assert (np.diff(grid.viewpoint_starts) > 0).all()
+
+
+def test_a_comb_has_a_middle_line_and_a_circle_has_none():
+    gaps = [shapely.box(x, 40, x + 40, 150) for x in (70, 150)]
+    comb = region_of(shapely.box(0, 0, 230, 150).difference(shapely.union_all(gaps)), frame=None)
+    missions = MissionSet.from_problem(
+        SearchProblem(comb, along="centre", robots=1, footprint=10, vehicle="ideal"), seed=0
+    )
+    assert missions.check().coverage.covered_fraction > 0.9998  # where the line bends, 4 m2 lack
+    with pytest.raises(InvalidInputError, match="'circle:80' has no middle line"):
+        plan_search(SearchProblem("circle:80", along="centre", robots=2, footprint=10))
+
+
+def test_shapes_that_cross_themselves_are_taken_as_what_they_cover():
+    bow = shapely.Polygon([(0, 0), (2, 2), (2, 0), (0, 2)])
+    (rest,) = difference(np.array([bow]), np.array([shapely.box(0, 0, 1, 2)]))
+    assert rest.area == pytest.approx(1)

@@ -246,8 +246,11 @@ class CellGrid:
         flat = np.where(
             pairs < n, self.clipped.rows[number] * width + self.clipped.cols[number], pairs - n
         )
-        adjacent = (self.own.ravel()[flat] == pairs).all(axis=1) & (
-            flat[:, 1] - flat[:, 0] == down * width + right
+        # along a bent line, the last cell of a row may touch the first one of the next row
+        adjacent = (
+            (self.own.ravel()[flat] == pairs).all(axis=1)
+            & (flat[:, 1] - flat[:, 0] == down * width + right)
+            & (flat[:, 0] % width < width - right)
         )
         rows, cols = np.divmod(flat[adjacent, 0], width)
         doors[rows, cols] = True

@@ -416,10 +416,11 @@ def center_line(region: SearchRegion, footprint: float) -> Points:
         np.round(np.concatenate([begins, stops]), 6), axis=0, return_inverse=True
     )
     number = number.reshape(2, -1)
+    none = InvalidInputError(
+        f"along: expected a line, because the region {region.name!r} has no middle line, got centre"
+    )
     if number.shape[1] == 0:
-        raise InvalidInputError(
-            f"along: expected a line, because the region {region.name!r} has no middle, got centre"
-        )
+        raise none
     graph = coo_array(
         (np.hypot(*(begins - stops).T), tuple(number)), shape=(len(nodes),) * 2
     ).tocsr()
@@ -434,6 +435,8 @@ def center_line(region: SearchRegion, footprint: float) -> Points:
     path = [end]
     while path[-1] != begin:
         path.append(int(before[path[-1]]))
+    if len(path) < 2:  # a circle has a middle point
+        raise none
     line = shapely.linestrings(nodes[path])
     # at its ends, it runs into a corner
     cut = min(

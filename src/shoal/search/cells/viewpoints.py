@@ -136,9 +136,19 @@ def _within(
             chosen[k].append(place)
         near[unseen] = places
         squares = shapely.box(*(places - half).T, *(places + half).T)
-        remainders[unseen] = shapely.difference(remainders[unseen], squares)
+        remainders[unseen] = difference(remainders[unseen], squares)
         unseen, rounds = unseen[shapely.area(remainders[unseen]) > speck], rounds + 1
     return [np.array(places).reshape(-1, 2) for places in chosen], remainders
+
+
+def difference(shapes: Any, others: Any) -> Any:
+    """Return shapes without other shapes, also where rounding left shapes that cross themselves."""
+    import shapely
+
+    try:
+        return shapely.difference(shapes, others)
+    except shapely.errors.GEOSException:
+        return shapely.difference(shapely.make_valid(shapes), others)
 
 
 def _common_viewpoints(areas: Any, remainders: Any, near: Points, half: float) -> Points:

@@ -151,7 +151,7 @@ _MEMORY = 1990  # waypoints: those of the larger autopilot
 # cells times robots: above this, allocations and tours are compared by their costs in cells alone
 _FLOWN = 3_000
 _TEAM = 2.5  # price of the turns of all vehicles on average, relative to the price of turns
-_PLANNED = 4  # number of tours that are planned in full, for each price of a turn
+_PLANNED = 3  # number of tours that are planned in full, for each price of a turn, of any name
 _NARROWED = 6  # number of compared widths of the rows of a camera
 _UNSEEN = 1e-5  # share of a region that images may miss
 _LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
@@ -1199,7 +1199,7 @@ def tell_if_straight_rows_are_faster(plan: SearchPlan, problem: SearchProblem, s
         tell_once(
             f"along: robots need {seconds:.0f} s and turn {turns_by_robot(along).sum()} times along"
             f" the line, and {without_delays(other):.0f} s and {turns_by_robot(other).sum()} times"
-            f" in straight rows at {other.row_angle:.4g} degrees: --along is for long regions that"
+            f" in straight rows at {round(other.row_angle, 1) % 180:g} degrees: --along is for long regions that"
             " are a few footprints wide"
         )
 
@@ -1339,8 +1339,8 @@ def plans_along(
     tour comes first. All robots start at the same places in all plans.
 
     With the ways of vehicles out and home, a plan may turn out otherwise than its tour: for each
-    price of a turn, up to `_PLANNED` tours of vehicles are planned, unless cells times robots are
-    more than `_FLOWN`. With ``names``, the best tours of these names are planned, too, also where
+    price of a turn, up to `_PLANNED` tours of vehicles are planned, and the best one of each name,
+    unless cells times robots are more than `_FLOWN`. With ``names``, the best tours of these names are planned, too, also where
     two are equal.
     """
     speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
@@ -1354,16 +1354,15 @@ def plans_along(
     prices = dict.fromkeys(max(own, least) for least in least_prices)
     work = chosen[0].grid.n_cells * problem.robots
     if flies and problem.passes == 1 and work <= _FLOWN:
-        found = [
-            grid_tour
-            for price in prices
-            for grid_tour in _ranked_tours(problem, speeds, price=price, **options)
-        ]
+        rankings = [_ranked_tours(problem, speeds, price=price, **options) for price in prices]
+        found = [grid_tour for ranking in rankings for grid_tour in ranking]
         chosen = []
         for least in least_prices:
             costs = [one.once_round(_price_of_all(least, own), own * size) for one in found]
             ranked = [found[k] for k in np.argsort(costs, kind="stable").tolist()]
             chosen += _different(ranked)[:_PLANNED]
+        for ranking in rankings:
+            chosen += {one.tour.name: one for one in reversed(ranking)}.values()
         chosen = _different(chosen)
     else:
         del chosen[1:]
