@@ -313,10 +313,11 @@ def _take_beside(sheets: Sequence[Sheet], read: ReadBeside) -> None:
     """Add data from the files beside mission files to the sheets of these missions.
 
     All sheets get start times, cruise speeds and the footprint angle from the manifest
-    ``missions.json``. Sheets without the numbers of waypoints on the ways out and home get them from there too, if their
-    number of waypoints is the one in the manifest. Sheets of formats whose fence is beside them get
-    the fence and the rally points. Mistakes in these files become diagnostics. A manifest with a
-    mistake is not used at all: a wrong start time could bring vehicles together.
+    ``missions.json``. Sheets without the numbers of waypoints on the ways out and home get them
+    from there too, if their number of waypoints is the one in the manifest. Sheets of formats whose
+    fence is beside them get the fence and the rally points. Mistakes in these files become
+    diagnostics. A manifest with a mistake is not used at all: a wrong start time could bring
+    vehicles together.
     """
     try:
         manifest = _read_manifest(read)

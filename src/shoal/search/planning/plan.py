@@ -1199,8 +1199,8 @@ def tell_if_straight_rows_are_faster(plan: SearchPlan, problem: SearchProblem, s
         tell_once(
             f"along: robots need {seconds:.0f} s and turn {turns_by_robot(along).sum()} times along"
             f" the line, and {without_delays(other):.0f} s and {turns_by_robot(other).sum()} times"
-            f" in straight rows at {round(other.row_angle, 1) % 180:g} degrees: --along is for long regions that"
-            " are a few footprints wide"
+            f" in straight rows at {round(other.row_angle, 1) % 180:g} degrees: --along is for long"
+            " regions that are a few footprints wide"
         )
 
 
@@ -1336,12 +1336,13 @@ def plans_along(
     problem: SearchProblem, seed: int, *, scale: float = 1.0, names: Sequence[str] = ()
 ) -> list[SearchPlan]:
     """Return the plans of all allocations that the problem compares, along the best tours. The best
-    tour comes first. All robots start at the same places in all plans.
+    tour comes first, that at the price of ``prefer="time"`` where tours are ranked at both prices.
+    All robots start at the same places in all plans.
 
     With the ways of vehicles out and home, a plan may turn out otherwise than its tour: for each
     price of a turn, up to `_PLANNED` tours of vehicles are planned, and the best one of each name,
-    unless cells times robots are more than `_FLOWN`. With ``names``, the best tours of these names are planned, too, also where
-    two are equal.
+    unless cells times robots are more than `_FLOWN`. With ``names``, the best tours of these names
+    are planned, too, also where two are equal.
     """
     speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
     options: dict[str, Any] = {"scale": scale, "cache": {}}
