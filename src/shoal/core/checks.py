@@ -483,6 +483,22 @@ def _read_wkt(text: str, kind: str, example: str, where: str) -> Any:
         raise InvalidInputError(f"{where}: {expected}, got {shortened(text)}") from None
 
 
+def fault_place(shape: Any) -> str:
+    """Return where an invalid Shapely polygon has its fault, as the text " at (x, y)", or an empty
+    text if Shapely names no point.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> fault_place(shapely.Polygon([(0, 0), (3, 4), (3, 0), (0, 4)]))
+    ' at (1.5, 2)'
+    """
+    from shapely.validation import explain_validity
+
+    match = re.search(r"\[(\S+) ([^\s\]]+)", explain_validity(shape))
+    return f" at ({float(match[1]):.10g}, {float(match[2]):.10g})" if match else ""
+
+
 def check_vertices(vertices: Any, where: str, ring: int | None = None) -> None:
     """Refuse vertices that are no pairs of numbers, or a ring with a number (counted from 1) that
     does not end where it begins, or a line of fewer than two vertices.

@@ -21,6 +21,7 @@ from shoal.core.checks import (
     check_number,
     count_text,
     describe_missing_file,
+    fault_place,
     parse_json,
     read_text,
 )
@@ -41,7 +42,7 @@ from shoal.missions.mission import KINDS, Mission
 from shoal.missions.rules import ROUNDING, check_coordinates, fence_clearances
 from shoal.search.flight.vehicle import PRESETS, Vehicle
 from shoal.search.regions.coverage import TURNING
-from shoal.search.regions.outline import LARGEST_FILE, place_of
+from shoal.search.regions.outline import LARGEST_FILE
 
 UNCOVERED = "uncovered.geojson"  # not a mission: the areas that the check found uncovered
 MANIFEST = "missions.json"  # the manifest: the names of the written files
@@ -192,7 +193,6 @@ def _check_written(missions: Sequence[Mission], texts: Mapping[str, str]) -> Non
     with rounded corners of polygons.
     """
     from shapely import Polygon
-    from shapely.validation import explain_validity
 
     fences = {mission.name: mission.fence for mission in missions}
     fenced = {name: text for name, text in texts.items() if fences.get(Path(name).stem) is not None}
@@ -216,8 +216,7 @@ def _check_written(missions: Sequence[Mission], texts: Mapping[str, str]) -> Non
                 raise InvalidInputError(
                     f"{sheet.file}: expected fence polygons that neither touch nor cross themselves"
                     f" as the file contains them, got {which}, which does"
-                    f"{place_of(explain_validity(Polygon(ring)))};"
-                    " no file was written"
+                    f"{fault_place(Polygon(ring))}; no file was written"
                 )
         for name, distance in zip(*fence_clearances(sheet, fence), strict=True):
             if distance < -ROUNDING:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_array, check_file, check_points
+from shoal.core.checks import check_array, check_file, check_points, fault_place
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import segments_of, step_lengths
@@ -221,7 +220,6 @@ def check_ring(ring: Ring, *, closed: bool = True) -> Points:
 
 def _check_shape(corners: Points, ring: Ring) -> None:
     from shapely import MultiPoint, Polygon
-    from shapely.validation import explain_validity
 
     size = float(np.ptp(corners, axis=0).max())
     alone = Polygon(corners)
@@ -242,22 +240,8 @@ def _check_shape(corners: Points, ring: Ring) -> None:
     if not alone.is_valid:
         raise InvalidInputError(
             f"{ring.where}: expected a ring that does not cross or touch itself, got one that does"
-            f"{place_of(explain_validity(alone))}"
+            f"{fault_place(alone)}"
         )
-
-
-def place_of(explanation: str) -> str:
-    """Extract the point from Shapely's explanation of an invalid polygon, as the text " at (x, y)".
-
-    If the explanation names no point, the result is an empty text.
-
-    Examples
-    --------
-    >>> place_of("Self-intersection[1.5 2]")
-    ' at (1.5, 2)'
-    """
-    match = re.search(r"\[(\S+) ([^\s\]]+)", explanation)
-    return f" at {text_of([float(match[1]), float(match[2])])}" if match else ""
 
 
 def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
@@ -291,14 +275,13 @@ def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
         )
     whole = Polygon(corners[0], corners[1:])
     if not whole.is_valid:
-        explanation = explain_validity(whole)
         why = (
             "holes that leave the inside in one piece"
-            if "disconnected" in explanation
+            if "disconnected" in explain_validity(whole)
             else "holes apart from the outline and each other"
         )
         raise InvalidInputError(
-            f"{outline.shell.where}: expected {why}, got others{place_of(explanation)}"
+            f"{outline.shell.where}: expected {why}, got others{fault_place(whole)}"
         )
     return whole
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_integer, check_kind, check_text
+from shoal.core.checks import check_integer, check_kind, check_text, fault_place
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.border import Border
-from shoal.search.regions.outline import FARTHEST, Points, check_plane_points, place_of, text_of
+from shoal.search.regions.outline import FARTHEST, Points, check_plane_points, text_of
 from shoal.search.regions.projection import LocalFrame
 
 MOST_LAYERS = 1000
@@ -374,7 +374,7 @@ def _only_polygons(shape: Any, *, what: str) -> Any:
             explanation = explain_validity(part)
             raise InvalidInputError(
                 f"{what}: expected a valid polygon, got"
-                f" {explanation.partition('[')[0].lower()}{place_of(explanation)} in part"
+                f" {explanation.partition('[')[0].lower()}{fault_place(part)} in part"
                 f" {index + 1}"
             )
     return (

@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_bool, check_integer, check_kind, check_number, check_points
+from shoal.core.checks import (
+    check_bool,
+    check_integer,
+    check_kind,
+    check_number,
+    check_points,
+    fault_place,
+)
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import left_of, unit_vectors
@@ -131,20 +138,6 @@ def _thickness(corners: Points) -> float:
 def _turns(corners: Points) -> NDArray[np.float64]:
     before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
     return np.asarray(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
-
-
-def fault_place(shape: Any) -> str:
-    """Return where an invalid Shapely polygon crosses itself, as the text " at (x, y)", or an empty
-    text if nobody knows.
-    """
-    from shapely.validation import explain_validity
-
-    explanation = explain_validity(shape)
-    return (
-        f" at ({explanation.partition('[')[2].rstrip(']').replace(' ', ', ')})"
-        if "[" in explanation
-        else ""
-    )
 
 
 TOUCH = 1e-9  # relative to the size: a particle closer to a wall than this is on it

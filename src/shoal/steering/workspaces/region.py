@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_list, check_points
+from shoal.core.checks import check_list, check_points, fault_place
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.steering.workspaces.convex import Points, SteeringWorkspace, fault_place
+from shoal.steering.workspaces.convex import Points, SteeringWorkspace
 
 
 @dataclass(frozen=True, eq=False)
