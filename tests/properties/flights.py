@@ -51,8 +51,8 @@ def random_vehicle(rng, kind):
     return fields
 
 
-def random_plan(seed):
-    """Return the plan of a random region on Earth for robots of a kind, and the fields of the
+def random_problem(seed):
+    """Return the search of a random region on Earth by robots of a kind, and the fields of the
     vehicle.
     """
     rng = np.random.default_rng(seed)
@@ -92,6 +92,12 @@ def random_plan(seed):
         starts="clustered",
         angle=float(rng.uniform(0, 180)),
     )
+    return problem, fields
+
+
+def random_plan(seed):
+    """Return the plan of a `random_problem`, and the fields of the vehicle."""
+    problem, fields = random_problem(seed)
     return plan_search(problem, seed=seed), fields
 
 

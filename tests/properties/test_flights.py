@@ -9,7 +9,7 @@ import json
 import numpy as np
 import pytest
 import shapely
-from tests.properties.flights import judged, missions_of_plan
+from tests.properties.flights import judged, missions_of_plan, random_problem
 from tests.reference.flight import dubins_path, narrow_turns, way_of_plan
 from tests.soak import often
 
@@ -25,13 +25,33 @@ from shoal.search.flight.dubins import (
     dubins_paths,
     plan_dubins_path,
 )
-from shoal.search.planning.plan import SearchPlan, plan_search
+from shoal.search.planning.plan import (
+    SearchPlan,
+    least_price,
+    plan_search,
+    plans_along,
+    price_of_turns,
+)
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.margin import grow
 
 # a plan in whose file rounding turns a leg of 1.4 m by .04 degrees, so that a bend of 1 degree
 # becomes a turn
 TURNED = 773
+
+
+@pytest.mark.parametrize("seed", range(often(9, 60)))
+def test_plans_that_are_not_flown_are_no_better_than_the_chosen_one(seed):
+    problem, _ = random_problem(seed)
+    prefer = ("time", "rows")[seed % 2]
+    problem = problem.replaced(angle="auto" if seed % 4 == 1 else problem.angle, prefer=prefer)
+    problem.check_at_place()
+    plans = [plan for plan in plans_along(problem, seed) if plan.refusal is None]
+    prices = [price_of_turns(plan, problem) for plan in plans]
+    for plan, price in zip(plans, prices, strict=True):
+        assert 0 < least_price(plan, problem) <= price
+    chosen = plan_search(problem, seed=seed)
+    assert not plans or price_of_turns(chosen, problem) == min(prices)
 
 
 def test_no_mission_is_longer_than_its_battery_and_no_turn_narrower_than_its_radius(tmp_path):

@@ -185,7 +185,8 @@ def test_where_turns_take_time_the_sooner_tour_is_taken_and_said():
     assert plan_search(problem).tour.name == "spanning-tree"
     plan = plan_search(problem.replaced(vehicle="ideal,turn_time=30"), seed=1)
     tours = [one for one in plan.compared if one.allocation is None]
-    assert {one.tour for one in tours} == {"headland", "boustrophedon", "spanning-tree"}
+    # the routes along the spanning tree alone take longer, so they are not flown
+    assert {one.tour for one in tours} == {"headland", "boustrophedon"}
     assert (plan.tour.name, plan.grid.angle) == (tours[0].tour, 0.0)
     assert tours[0].cells == min(one.cells for one in tours)
 

@@ -173,29 +173,12 @@ def _places(windows: Any, entries: Points, middles: Points, footprint: float) ->
     shares = np.linspace(0.0, 1.0, 5)
     rows = np.hstack([low + shares * (high - low), middles[wide, 1:]])
     cols = np.hstack([left + shares * (right - left), middles[wide, :1]])
-    ends = [
-        np.stack(
-            [np.stack([left - 1 + 0 * rows, rows], -1), np.stack([right + 1 + 0 * rows, rows], -1)],
-            axis=2,
-        )
-    ]
-    ends += [
-        np.stack(
-            [np.stack([cols, low - 1 + 0 * cols], -1), np.stack([cols, high + 1 + 0 * cols], -1)],
-            axis=2,
-        )
-    ]
-    lines = shapely.linestrings(np.concatenate(ends, axis=1))
-    cut, of_cut = shapely.get_coordinates(
-        shapely.intersection(shapes[:, None], lines).ravel(), return_index=True
-    )
+    cut, of_cut = _crossings(shapes, np.stack([cols, rows]))
     corners, of_corner = shapely.get_coordinates(
         shapely.simplify(shapes, _COARSE * footprint), return_index=True
     )
     candidates = np.concatenate([entries, corners, cut])
-    owner = np.concatenate(
-        [np.arange(len(windows)), wide[of_corner], wide[of_cut // lines.shape[1]]]
-    )
+    owner = np.concatenate([np.arange(len(windows)), wide[of_corner], wide[of_cut]])
     distinct = np.unique(
         np.column_stack([owner, np.round(candidates / step)]),
         axis=0,
@@ -204,6 +187,32 @@ def _places(windows: Any, entries: Points, middles: Points, footprint: float) ->
     return np.split(
         candidates[distinct], np.searchsorted(owner[distinct], np.arange(1, len(windows)))
     )
+
+
+def _crossings(shapes: Any, values: NDArray[np.float64]) -> tuple[Points, Numbers]:
+    """Return the points in which the borders of polygons cross lines along the axes, and the polygon
+    of each.
+
+    The argument ``values``, of shape (2, n, k), gives the x coordinates of k upright lines for each
+    polygon, and the y coordinates of k level lines.
+    """
+    import shapely
+
+    rings, polygon = shapely.get_rings(shapes, return_index=True)
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    edges = np.flatnonzero(ring[1:] == ring[:-1])
+    begins, ends, owner = points[edges], points[edges + 1], polygon[ring[edges]]
+    found, owners = [], []
+    for axis in range(2):
+        at = values[axis, owner]
+        low, high = begins[:, axis, None], ends[:, axis, None]
+        edge, line = np.nonzero((low != high) & ((at - low) * (at - high) <= 0))
+        share = ((at - low)[edge, line] / (high - low)[edge, 0])[:, None]
+        crossed = begins[edge] + share * (ends[edge] - begins[edge])
+        crossed[:, axis] = at[edge, line]
+        found.append(crossed)
+        owners.append(owner[edge])
+    return np.concatenate(found), np.concatenate(owners)
 
 
 def _choose_points(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from bisect import insort
 from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from itertools import pairwise
 from math import inf
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +58,7 @@ from shoal.search.flight.flight import Flight
 from shoal.search.flight.legs import merge_straight_legs
 from shoal.search.flight.sorties import Sorties
 from shoal.search.flight.timing import (
+    trajectory,
     turn_cells,
     turn_shares,
     turns_of,
@@ -152,6 +155,7 @@ _MEMORY = 1990  # waypoints: those of the larger autopilot
 _FLOWN = 3_000
 _TEAM = 2.5  # price of the turns of all vehicles on average, relative to the price of turns
 _PLANNED = 3  # number of tours that are planned in full, for each price of a turn, of any name
+_LOOSE = 1e-3  # share of a route's time by which flights may be faster: they merge and cut corners
 _NARROWED = 6  # number of compared widths of the rows of a camera
 _UNSEEN = 1e-5  # share of a region that images may miss
 _LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
@@ -188,7 +192,8 @@ class SearchPlan:
         Delay of each robot's departure in seconds. By default, all robots depart at the same time.
     compared : tuple of Candidate
         The compared tours from the fastest to the slowest, and then the compared allocations from
-        the fastest to the slowest. The tuple is empty if the planner compared nothing.
+        the fastest to the slowest, of vehicles those that were flown: a plan is not flown if its
+        route alone takes longer than the best. The tuple is empty if the planner compared nothing.
     stay_inside : bool
         Whether paths between the region and launch or landing points outside it cross the border of
         the region only once, at the place nearest to the point.
@@ -1318,12 +1323,19 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     if problem.vehicle is None or len(all_plans[0].tour_cost) * problem.robots > _FLOWN:
         return all_plans[0]
     # What counts is when the last vehicle is back: its way out and home, curves, climbs and charges
-    # belong to that.
-    with one_by_one(all_plans, "plans") as each:
-        plans = [plan for plan in each if plan.refusal is None]
-    if not plans:  # no plan can be flown: to fly the other robots of each would tell nothing
+    # belong to that. Plans whose routes alone take too long need not be flown to know it.
+    bounds = [least_price(plan, problem) for plan in all_plans]
+    likeliest = [all_plans[k] for k in np.argsort(bounds, kind="stable").tolist()]
+    flown: list[tuple[float, SearchPlan]] = []
+    with one_by_one(likeliest, "plans") as each:
+        for plan, bound in zip(each, sorted(bounds), strict=False):
+            if len(flown) > ALTERNATIVES and bound > flown[ALTERNATIVES][0]:
+                break
+            if plan.refusal is None:
+                insort(flown, (price_of_turns(plan, problem), plan), key=itemgetter(0))
+    if not flown:  # no plan can be flown: to fly the other robots of each would tell nothing
         return min(all_plans, key=lambda plan: plan.seconds(plan.allocation.makespan))
-    plans = sorted(plans, key=lambda plan: price_of_turns(plan, problem))
+    plans = [plan for _, plan in flown]
     tours_compared = _compared_tours(plans)
     best, *alternatives = (
         replace(plan, compared=(*tours_compared, *_compared_allocations(plans, plan)))
@@ -1421,16 +1433,45 @@ def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
     cost with ``prefer="time"``, and what a robot's turns on average cost beyond that. Without a
     vehicle, robots do not return.
     """
+    return _price(plan, problem, _working_times(plan), turns_by_robot(plan))
+
+
+def least_price(plan: SearchPlan, problem: SearchProblem) -> float:
+    """Return a lower bound on the `price_of_turns` of a plan of vehicles: what it would be if each
+    vehicle needed no more than its route takes, in one sortie and, of a fixed wing, without curves.
+    """
+    vehicle, times = plan.vehicle, np.zeros(len(plan.places))
+    counts = np.zeros(len(plan.places), np.int64)
+    try:
+        routes = whole_routes(plan)
+    except InvalidInputError:  # no way: its flight tells why
+        return 0.0
+    for robot, route in routes:
+        counts[robot] = turns_of(route).sum()
+        merged = merge_straight_legs(route, MERGED)  # gentle bends between long legs take less time
+        path = np.full((len(merged), 3), vehicle.height)
+        path[:, : route.shape[1]] = merged
+        if not vehicle.radius:  # fixed wings may climb on their way
+            ends = path[[0, -1]] * (1.0, 1.0, 0.0)
+            path = np.vstack([ends[:1], path, ends[1:]])
+        times[robot] = trajectory(path, vehicle, rate=float(plan.rates[robot])).duration
+    return _price(plan, problem, ((1 - _LOOSE) * times).tolist(), counts)
+
+
+def _price(
+    plan: SearchPlan, problem: SearchProblem, times: Sequence[float], counts: NDArray[np.int64]
+) -> float:
+    """Return the `price_of_turns` of a plan whose robots take given times in seconds, with given
+    numbers of turns.
+    """
     own = turn_cells(plan.vehicle, plan.grid.size)
     time_price = max(own, TURN_PRICES["time"])
     price = _price_of_all(problem.turn_price(0.0), own) if plan.flies else problem.turn_price(own)
-    counts = turns_by_robot(plan)
     latest = max(
         time + (time_price - own) * plan.cell_seconds * count
-        for time, count in zip(_working_times(plan), counts.tolist(), strict=True)
+        for time, count in zip(times, counts.tolist(), strict=True)
     )
-    more = (price - time_price) * plan.cell_seconds * counts.mean()
-    return float(latest + more)
+    return float(latest + (price - time_price) * plan.cell_seconds * counts.mean())
 
 
 def turns_by_robot(plan: SearchPlan) -> NDArray[np.int64]:
