@@ -203,6 +203,14 @@ def test_many_trials_write_their_episodes(tmp_path, capsys):
     ]
 
 
+@pytest.mark.parametrize("group", ["missions", "sweep"])
+def test_a_group_without_a_command_is_refused_in_a_sentence(group, capsys):
+    assert run([group]) == 2
+    printed = capsys.readouterr()
+    assert "Commands" in printed.out
+    assert printed.err == "shoal: expected a command, one of those above\n"
+
+
 def test_maps(tmp_path, capsys):
     assert run(["maps", "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)["maps"]

@@ -87,7 +87,8 @@ def _usage(error: typer.TyperException) -> str:
         and error.param
         and isinstance(error.__cause__, ValidationError)
     ):
-        return error.format_message()
+        # without a command, the help text is the message, and printed already
+        return error.format_message() or "expected a command, one of those above"
     first = error.__cause__.errors()[0]
     numbers = {"int_parsing": "expected a whole number", "float_parsing": "expected a number"}
     return (

@@ -32,6 +32,7 @@ from shoal.search.regions.projection import ROUNDED
 RobotMissions = tuple[Mission, ...]  # of one robot, sortie by sortie
 
 _ROUNDS = 6  # number of times that the time of loitering is lengthened by half
+_LONGEST_TURNS = 1.25  # relative to their stated time: turns with which separation holds, from none
 _ENDINGS = {"multirotor": "land", "fixed-wing": "loiter", "rover": "return"}
 
 
@@ -400,7 +401,7 @@ class _Schedule:
         late.
         """
         vehicle = self.plan.vehicle
-        duration = max(flight.duration for flight in flights)
+        duration = max(flight.duration for flight in flights[:2])
         climb = mission.battery_seconds(vehicle) - mission.duration(vehicle)  # of a return
         return start + duration + climb + self.separation.delay + vehicle.recharge_seconds
 
@@ -417,8 +418,8 @@ class _Schedule:
     def _flights(
         self, by_robot: Sequence[RobotMissions], robot: int, number: int, up: float
     ) -> Sequence[Trajectory]:
-        """Return two trajectories of a mission: the first with the vehicle's speeds and turns, the
-        second at a constant speed.
+        """Return the trajectories of a mission: with the vehicle's speeds and turns, at a constant
+        speed, and with the longest turns.
         """
         if number >= len(by_robot[robot]):
             return ()
@@ -426,8 +427,18 @@ class _Schedule:
         path = common_path(mission, plan.grid.region.frame)
         path[1 : len(path) - 1, 2] += up
         stay = self._stay(by_robot, robot, number)
-        as_flown = mission_trajectory(mission, path, plan.vehicle, float(plan.rates[robot]), stay)
-        return as_flown, mission_trajectory(mission, path, constant_speed(mission), 1.0, stay)
+
+        def flown(vehicle: Vehicle, rate: float) -> Trajectory:
+            trajectory = mission_trajectory(mission, path, vehicle, rate, stay)
+            return replace(trajectory, turns=(0.0, 1.0))
+
+        vehicle, rate = plan.vehicle, float(plan.rates[robot])
+        as_flown = flown(vehicle, rate), flown(constant_speed(mission), 1.0)
+        if not vehicle.turn_seconds:
+            return as_flown
+        # the time that a vehicle loses at gentle bends is not in proportion to that of a turn
+        slow = vehicle.replaced(turn_time=_LONGEST_TURNS * vehicle.turn_seconds)
+        return *as_flown, flown(slow, rate)
 
 
 def _add_fence(

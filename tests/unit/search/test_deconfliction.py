@@ -112,7 +112,8 @@ def test_conflicts_are_those_of_all_times_of_turns():
     met = 0
     for _ in range(30):
         one, other = random_flight(rng), random_flight(rng)
-        barred = conflicts(one, other, horizontal=8.0, vertical=5.0, turns=(0.0, 1.25))
+        uncertain = [replace(flown, turns=(0.0, 1.25)) for flown in (one, other)]
+        barred = conflicts(*uncertain, horizontal=8.0, vertical=5.0)
         for later, factor in zip(rng.uniform(-40, 40, 8), rng.uniform(0, 1.25, 8), strict=True):
             flights = with_turns(one, factor), with_turns(other, factor)
             found = nearest_approach(*flights, vertical=5.0, later=later)

@@ -921,8 +921,8 @@ def test_missions_that_wait_beyond_the_limit_are_told(tmp_path, monkeypatch, apa
 @pytest.mark.parametrize(
     ("vehicle", "apart", "ring", "chosen"),
     [
-        ("multirotor", (60, 30), "66,66", "shorter"),
-        ("rover", (15,), "36,16", "tour"),
+        ("multirotor", (60, 30), "67,71", "shorter"),
+        ("rover", (15,), "34,43", "tour"),
         ("rover", (0,), "58,36", "auto"),
     ],
 )

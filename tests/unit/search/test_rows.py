@@ -8,6 +8,7 @@ import shapely
 from scipy.ndimage import label
 from tests.soak import often
 
+from shoal.core import notices
 from shoal.core.errors import InvalidInputError
 from shoal.core.geometry import cross
 from shoal.missions import MissionSet
@@ -19,8 +20,9 @@ from shoal.search.flight.deviation import cut_corners, deviate
 from shoal.search.flight.timing import turns_of
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.kernels import runs
-from shoal.search.planning.plan import price_of_turns
+from shoal.search.planning.plan import price_of_turns, turns_by_robot
 from shoal.search.tours.headland import border_of
+from shoal.search.tours.rows import BoustrophedonTour
 from shoal.search.tours.strips import (
     STRIP,
     along_rows,
@@ -191,6 +193,57 @@ def test_both_preferences_choose_among_the_same_plans(side, floor):
     for prefer, chosen, other in (("time", sooner, straight), ("rows", straight, sooner)):
         problem = SearchProblem(region, robots=3, footprint=20, vehicle="ideal", prefer=prefer)
         assert price_of_turns(chosen, problem) <= price_of_turns(other, problem)
+
+
+@pytest.mark.parametrize("fields", [{}, {"vehicle": "ideal", "passes": 2}])
+def test_no_preference_is_worse_in_time_and_in_turns(fields):
+    """Across the teeth of this comb, rows with the price of turns were twice as long, with more
+    turns.
+    """
+    teeth = [shapely.box(60 * k, 0, 60 * k + 30, 130) for k in range(6)]
+    region = region_of(shapely.union_all([shapely.box(0, 130, 330, 160), *teeth]), frame=None)
+    sooner, straight = (
+        plan_search(SearchProblem(region, footprint=10, robots=2, prefer=one, **fields), seed=1)
+        for one in ("time", "rows")
+    )
+    turns = [int(turns_by_robot(plan).sum()) for plan in (sooner, straight)]
+    assert sooner.planned_seconds <= straight.planned_seconds
+    assert straight.planned_seconds <= 1.2 * sooner.planned_seconds
+    assert turns[1] <= turns[0]
+
+
+def test_links_between_arms_are_not_straight():
+    """In this comb, all links counted as straight, and the tour was a third longer than its cells."""
+    mask = np.zeros((18, 34), dtype=bool)
+    mask[:3] = True
+    mask[:, ::3] = mask[:, 1::3] = True
+    for turn in (1.0, 3.0):
+        cells = make_tour(BoustrophedonTour(turn), mask).cells
+        assert len(cells) == mask.sum()
+        assert np.hypot(*(np.roll(cells, -1, axis=0) - cells).T).sum() < 1.1 * len(cells)
+
+
+def test_a_row_for_some_millimetres_is_told(monkeypatch):
+    said = []
+    monkeypatch.setattr("shoal.core.notices._told", set())
+    notices.listeners.append(said.append)
+    for width in (200.008, 200.0, 207.0):
+        region = region_of(shapely.box(0, 0, 300, width), frame=None)
+        plan_search(SearchProblem(region, robots=1, footprint=20, vehicle="ideal"))
+    notices.listeners.remove(said.append)
+    assert said == [
+        "footprint: the region is 8 mm wider than 10 rows of 20 m, so it needs one more; with"
+        " 20.0009 m it does not"
+    ]
+    plan = plan_search(
+        SearchProblem(region_of(shapely.box(0, 0, 300, 200.008)), robots=1, footprint=20.0009)
+    )
+    assert len(plan.tour_cost) == 150
+
+
+def test_a_leg_of_less_than_a_millimetre_is_no_turn():
+    way = np.array([(0.0, 0.0), (0.0004, 0.0), (-50.0, 0.0), (-50.0, 20.0)])
+    assert turns_of(way).sum() == 1
 
 
 @pytest.mark.parametrize("robots", [1, 3])

@@ -169,14 +169,10 @@ def test_an_episode_says_what_auto_chose_and_what_came_of_it():
     episode = run(SearchProblem("square:60", robots=2))
     assert (episode.problem.tour, episode.problem.allocation) == ("auto", "auto")
     report = episode.report()
-    assert (report["tour"], report["allocation"], report["status"]) == (
-        "spanning-tree",
-        "two-way",
-        "complete",
-    )
+    assert (report["tour"], report["status"]) == ("spanning-tree", "complete")
     times = {one["allocation"]: one["cells"] for one in report["compared"]}
-    assert list(times)[:2] == ["two-way", "hop"]
-    assert times["two-way"] == min(times.values()) == report["planned_cells"]
+    assert len(times) == 7
+    assert times[report["allocation"]] == min(times.values()) == report["planned_cells"]
     assert list(episode.metrics)[: len(SearchProblem.measures)] == list(SearchProblem.measures)
     assert episode.makespan == episode.metrics["makespan"] == report["makespan_s"]
     assert episode.reason.startswith("all 36 cells that robots can reach were searched after ")

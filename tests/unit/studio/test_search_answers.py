@@ -262,8 +262,8 @@ def test_an_episode_that_is_run_again_has_its_times_and_its_tour(folder, made):
     assert again["tour"] == episode.plan.tour.name
     assert again["makespan"] == pytest.approx(episode.plan.planned_seconds)
     assert search.simulate(folder, about)["makespan"] == pytest.approx(episode.makespan)
-    # what missions chose is not set: another number of robots has other start times
-    assert told["problem"].keys() <= {"kind", "region", *fields}
+    # start times that missions chose are not set: another number of robots has others
+    assert told["problem"].keys() <= {"kind", "region", "tour", "allocation", *fields}
     assert search.plan(folder, about | {"problem": told["problem"] | {"robots": 5}})["robots"][4]
 
 

@@ -299,11 +299,13 @@ def compared_rows(episode: SearchEpisode) -> list[tuple[str, str]]:
         if one.allocation is not None
     ]
     alone = not any(one.seconds is not None for one in plan.compared)
+    done = "all robots finish within"
     apart = "" if plan.schedule is None else ", not yet kept apart,"
-    back = f"all vehicles{apart} are back within"
+    if plan.flies:
+        done = f"all vehicles{apart} are back within"
     rows = [
-        ("tours", "one robot searches the whole tour in" if alone else back, tours),
-        ("allocations", "all robots finish within" if alone else back, shares),
+        ("tours", "one robot searches the whole tour in" if alone else done, tours),
+        ("allocations", "all robots finish within" if alone else done, shares),
     ]
     return [(name, f"{what}: {'; '.join(texts)}") for name, what, texts in rows if texts]
 

@@ -571,7 +571,7 @@ def load_json(text: str, sheet: Sheet) -> Any:
         return None
     try:
         check_json_memory(text, where="")
-        return json.loads(text, parse_float=Number)
+        return json.loads(text, parse_float=Number, parse_constant=_refuse_constant)
     except InvalidInputError as error:
         sheet.add("unreadable", "", str(error).removeprefix(": "))
     except json.JSONDecodeError as error:
@@ -587,6 +587,11 @@ def load_json(text: str, sheet: Sheet) -> Any:
             "expected JSON, got values nested too deeply or a number of too many digits",
         )
     return None
+
+
+def _refuse_constant(name: str) -> None:
+    """Refuse NaN and infinities, which Python reads in JSON, but JSON does not have."""
+    raise InvalidInputError(f": expected JSON, got {name}, which JSON does not have")
 
 
 def dump_json(value: Any) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from shoal.core.checks import shortened
 from shoal.missions.diagnostics import Sheet
 from shoal.missions.fence import circle_ring
 from shoal.missions.formats.fences import (
@@ -90,6 +91,8 @@ def scan(text: str, sheet: Sheet) -> None:
     from shoal.missions.formats.plan_form import PlanForm
 
     data = load_json(text, sheet)
+    if sheet.readable and not isinstance(data, dict):
+        sheet.add("unreadable", "", f"expected a JSON object, got {shortened(data)}")
     if not sheet.readable:
         return
     places = _expand_surveys(data)

@@ -18,9 +18,6 @@ HORIZONTAL, VERTICAL, DELAY = 10.0, 5.0, 10.0
 unplanned delay in seconds.
 """
 
-TURNS = (0.0, 1.25)
-"""Factors of the stated time of turns between which separation holds."""
-
 LEVEL = 1e-3  # metres: tolerance of the vertical separation
 _HAIR = 1e-9  # relative to a leg's duration
 _HIGHEST = 1e6  # metres: a larger vertical separation counts as infinite
@@ -357,10 +354,9 @@ def conflicts(
     *,
     horizontal: float,
     vertical: float,
-    turns: tuple[float, float] = (1.0, 1.0),
 ) -> Floats:
-    """Return the intervals of start time differences for which two vehicles come too close;
-    float64, shape (k, 2).
+    """Return the intervals of start time differences for which two vehicles come too close, whatever
+    their turns take between the factors `Trajectory.turns`, the same for both; float64, shape (k, 2).
 
     A start time difference is the second vehicle's start time minus the first vehicle's start time,
     in seconds. The intervals are in increasing order and do not overlap. For differences outside
@@ -371,9 +367,6 @@ def conflicts(
     first, second : Trajectory
     horizontal, vertical : float
         Required horizontal and vertical separation in metres.
-    turns : tuple of float
-        Least and largest factor of the times for which vehicles stand at their turns: one unknown
-        factor for all turns of both vehicles.
 
     Examples
     --------
@@ -384,6 +377,7 @@ def conflicts(
     """
     import shapely
 
+    turns = min(first.turns[0], second.turns[0]), max(first.turns[1], second.turns[1])
     mine, theirs = _Legs.of(first, turns[1]), _Legs.of(second, turns[1])
     (low, high), (below, above) = mine.bounds(), theirs.bounds()
     boxes = shapely.box(*(below[:, :2] - horizontal).T, *(above[:, :2] + horizontal).T)
@@ -574,7 +568,8 @@ def _earliest_delay(
     """
     barred = [np.zeros((0, 2))]
     for theirs, started in others:
-        if started + TURNS[1] * max(part.duration for part in theirs) + separation.delay < delay:
+        latest = max(max(1.0, part.turns[1]) * part.duration for part in theirs)
+        if started + latest + separation.delay < delay:
             continue  # it has landed, however late it is
         for own_flight, other_flight in zip(mine, theirs, strict=True):
             apart = conflicts(
@@ -582,7 +577,6 @@ def _earliest_delay(
                 other_flight,
                 horizontal=separation.horizontal,
                 vertical=separation.vertical,
-                turns=TURNS,
             )
             # With both uncertainties, the start differs by delay - started, plus or minus the
             # tolerance.

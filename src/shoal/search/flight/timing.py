@@ -42,11 +42,15 @@ class Trajectory:
     circle : float
         Radius in metres of the circles that the vehicle flies around one point during the last leg,
         or 0 without circles.
+    turns : tuple of float
+        Least and largest factor of the times for which the vehicle may stand at its turns: one
+        unknown factor for all turns.
     """
 
     times: Floats
     points: Floats
     circle: float = 0.0
+    turns: tuple[float, float] = (1.0, 1.0)
 
     @property
     def duration(self) -> float:
@@ -125,7 +129,7 @@ def leg_seconds(points: Floats, vehicle: Vehicle, *, rate: float | Floats = 1.0)
     return np.maximum(along, vehicle.vertical_seconds(legs[:, 2]))
 
 
-def turns_of(points: Floats, still: float = 0.0) -> NDArray[np.bool_]:
+def turns_of(points: Floats, still: float = STILL) -> NDArray[np.bool_]:
     """Return, for each inner point of a path, whether a vehicle turns at this point; bool, shape (k
     - 2,).
 

@@ -20,7 +20,7 @@ class _Comparison:
     """What all comparisons of one command share: who hears of them, and whether they go on."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
-        self.say, self.stop = say, Event()
+        self.say, self.stop, self.ended = say, Event(), False
         self.told = time.monotonic()
 
 
@@ -65,9 +65,12 @@ def _each(choices: Sequence[One], what: str, stack: ExitStack) -> Iterator[One]:
                 stack.enter_context(patient())
                 stack.enter_context(stop_on_interruption(comparison.stop, goes_on=True))
             if comparison.stop.is_set():
-                tell_once(
-                    f"plan: interrupted: the best of {number} {what}, of {len(choices)} to compare"
-                )
+                if not comparison.ended:  # what follows takes its first choices
+                    tell_once(
+                        f"plan: interrupted: the best of {number} {what}, of {len(choices)} to"
+                        " compare"
+                    )
+                comparison.ended = True
                 return
             now = time.monotonic()
             if now - comparison.told > _EVERY:

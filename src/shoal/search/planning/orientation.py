@@ -70,8 +70,8 @@ class Candidate:
     allocation : str, optional
         Name of the allocator.
     seconds : float, optional
-        Time until the last vehicle is back, if the problem names a vehicle; ``cells`` is then this
-        time in cells.
+        Time until all robots are done or, of vehicles, back, if whole plans were compared; ``cells``
+        is then this time in cells.
     """
 
     angle: float

@@ -161,6 +161,7 @@ _UNSEEN = 1e-5  # share of a region that images may miss
 _LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
 _ROUNDED = 1e-9  # cells: rounding error of a number of cells
 _MUCH_SLOWER = 1.2  # times as long as straight rows: along a line
+_LITTLE = 1e-3  # share of a row for which another one is not worth while
 _HOLLOW = 1e-9  # share of its area that a convex region may lack because of rounding
 
 
@@ -805,6 +806,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
             if margin < region.margin:
                 tell_once(narrower_margin_text(margin, region.margin))
             tell_if_straight_rows_are_faster(plan, attempt, seed)
+            _tell_if_a_row_is_for_little(plan, problem)
             return _report_refusal(plan)
         first = plan if first is None else first
     assert first is not None
@@ -1209,6 +1211,29 @@ def tell_if_straight_rows_are_faster(plan: SearchPlan, problem: SearchProblem, s
         )
 
 
+def _tell_if_a_row_is_for_little(plan: SearchPlan, problem: SearchProblem) -> None:
+    """Tell if rows of a slightly larger footprint would be one less.
+
+    Sides of whole footprints are longer than that by the rounding of their corners in files.
+    """
+    grid = layers_of(plan.grid)[0]
+    if not listeners or isinstance(grid.lattice, LineLattice):
+        return
+    extents = np.ptp(shapely.get_coordinates(grid.area), axis=0)
+    excess = extents % grid.size
+    few = (excess > 0) & (excess < _LITTLE * grid.size) & (extents > grid.size)
+    if few.any():
+        axis = int(np.argmax(few * excess))
+        rows = int(extents[axis] // grid.size)
+        larger = float(np.min(check_footprints(problem.chosen_footprint, problem.robots)))
+        larger *= 1 + float((extents[few] / (extents[few] - excess[few]) - 1).max()) + 1e-6
+        tell_once(
+            f"footprint: the region is {1000 * excess[axis]:.3g} mm wider than {rows} rows of"
+            f" {grid.size:g} m, so it needs one more; with {np.ceil(1e4 * larger) / 1e4:.7g} m it"
+            " does not"
+        )
+
+
 def _report_refusal(plan: SearchPlan) -> SearchPlan:
     """Return a plan, with a notice if a vehicle cannot fly its path."""
     if plan.refusal is not None:
@@ -1320,16 +1345,16 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     image whatever its heading.
     """
     all_plans = plans_along(problem, seed, scale=scale)
-    if problem.vehicle is None or len(all_plans[0].tour_cost) * problem.robots > _FLOWN:
+    if not _are_compared(problem, layers_of(all_plans[0].grid)[0].n_cells):
         return all_plans[0]
-    # What counts is when the last vehicle is back: its way out and home, curves, climbs and charges
-    # belong to that. Plans whose routes alone take too long need not be flown to know it.
+    # Of vehicles, what counts is when the last one is back: its way out and home, curves, climbs and
+    # charges belong to that. Plans whose routes alone take too long need not be flown to know it.
     bounds = [least_price(plan, problem) for plan in all_plans]
     likeliest = [all_plans[k] for k in np.argsort(bounds, kind="stable").tolist()]
     flown: list[tuple[float, SearchPlan]] = []
     with one_by_one(likeliest, "plans") as each:
         for plan, bound in zip(each, sorted(bounds), strict=False):
-            if len(flown) > ALTERNATIVES and bound > flown[ALTERNATIVES][0]:
+            if plan.flies and len(flown) > ALTERNATIVES and bound > flown[ALTERNATIVES][0]:
                 break
             if plan.refusal is None:
                 insort(flown, (price_of_turns(plan, problem), plan), key=itemgetter(0))
@@ -1351,27 +1376,26 @@ def plans_along(
     tour comes first, that at the price of ``prefer="time"`` where tours are ranked at both prices.
     All robots start at the same places in all plans.
 
-    With the ways of vehicles out and home, a plan may turn out otherwise than its tour: for each
-    price of a turn, up to `_PLANNED` tours of vehicles are planned, and the best one of each name,
-    unless cells times robots are more than `_FLOWN`. With ``names``, the best tours of these names
+    With the ways of robots out and home, a plan may turn out otherwise than its tour: for each price
+    of a turn, up to `_PLANNED` tours are planned, and the best one of each name, unless cells times
+    robots are more than `_FLOWN`. With ``names``, the best tours of these names
     are planned, too, also where two are equal.
     """
     speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
     options: dict[str, Any] = {"scale": scale, "cache": {}}
     chosen = _ranked_tours(problem, speeds, **options)
-    size, flies = chosen[0].grid.size, problem.vehicle is not None
+    size = chosen[0].grid.size
     own = turn_cells(problem.chosen_vehicle, size)
     # Both prices rank all tours, in the same order whatever is preferred: the best plan at one price
     # may be made of a tour that is best at the other, and robots start at the same places.
-    least_prices = TURN_PRICES.values() if flies else [problem.turn_price(0.0)]
-    prices = dict.fromkeys(max(own, least) for least in least_prices)
-    work = chosen[0].grid.n_cells * problem.robots
-    if flies and problem.passes == 1 and work <= _FLOWN:
+    prices = dict.fromkeys(max(own, least) for least in TURN_PRICES.values())
+    if _are_compared(problem, chosen[0].grid.n_cells):
         rankings = [_ranked_tours(problem, speeds, price=price, **options) for price in prices]
         found = [grid_tour for ranking in rankings for grid_tour in ranking]
         chosen = []
-        for least in least_prices:
-            costs = [one.once_round(_price_of_all(least, own), own * size) for one in found]
+        for least in TURN_PRICES.values():
+            price = _price_of_all(least, own, flies=problem.vehicle is not None)
+            costs = [one.once_round(price, own * size) for one in found]
             ranked = [found[k] for k in np.argsort(costs, kind="stable").tolist()]
             chosen += _different(ranked)[:_PLANNED]
         for ranking in rankings:
@@ -1420,26 +1444,34 @@ def _is_same(first: GridTour, second: GridTour) -> bool:
     )
 
 
-def _price_of_all(least: float, own: float) -> float:
-    """Return what a vehicle's turn costs in `price_of_turns`, in cells, if all vehicles turn as
-    often, a turn takes the time for ``own`` cells, and it costs at least ``least``.
+def _are_compared(problem: SearchProblem, cells: int) -> bool:
+    """Return whether plans of a region of so many cells are compared, not only their tours."""
+    looks = problem.passes * len(problem.altitudes)
+    return cells * looks * problem.robots <= _FLOWN
+
+
+def _price_of_all(least: float, own: float, *, flies: bool) -> float:
+    """Return what a robot's turn costs in `price_of_turns`, in cells, if all robots turn as often, a
+    turn takes the time for ``own`` cells, and it costs at least ``least``.
     """
-    return max(own, least) + _TEAM * least
+    return max(own, least) + _TEAM * least * flies
 
 
 def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
     """Return the time that decides between plans, in seconds: the longest time between the
-    departure of a robot and its return, where each of its turns takes at least the time that turns
-    cost with ``prefer="time"``, and what a robot's turns on average cost beyond that. Without a
-    vehicle, robots do not return.
+    departure of a robot and its return, and what a robot's turns on average cost beyond the time
+    that they take. Without a vehicle, robots do not return, and their turns take no time.
     """
     return _price(plan, problem, _working_times(plan), turns_by_robot(plan))
 
 
 def least_price(plan: SearchPlan, problem: SearchProblem) -> float:
-    """Return a lower bound on the `price_of_turns` of a plan of vehicles: what it would be if each
-    vehicle needed no more than its route takes, in one sortie and, of a fixed wing, without curves.
+    """Return a lower bound on the `price_of_turns` of a plan: what it would be if each vehicle needed
+    no more than its route takes, in one sortie and, of a fixed wing, without curves. Without a
+    vehicle, it is the price itself.
     """
+    if not plan.flies:
+        return price_of_turns(plan, problem)
     vehicle, times = plan.vehicle, np.zeros(len(plan.places))
     counts = np.zeros(len(plan.places), np.int64)
     try:
@@ -1465,13 +1497,8 @@ def _price(
     numbers of turns.
     """
     own = turn_cells(plan.vehicle, plan.grid.size)
-    time_price = max(own, TURN_PRICES["time"])
-    price = _price_of_all(problem.turn_price(0.0), own) if plan.flies else problem.turn_price(own)
-    latest = max(
-        time + (time_price - own) * plan.cell_seconds * count
-        for time, count in zip(times, counts.tolist(), strict=True)
-    )
-    return float(latest + (price - time_price) * plan.cell_seconds * counts.mean())
+    price = _price_of_all(problem.turn_price(0.0), own, flies=plan.flies)
+    return float(max(times) + (price - own) * plan.cell_seconds * counts.mean())
 
 
 def turns_by_robot(plan: SearchPlan) -> NDArray[np.int64]:

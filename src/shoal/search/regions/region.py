@@ -20,7 +20,19 @@ MOST_LAYERS = 1000
 
 
 TOUCH = 1e-6  # metres: tolerance for points inside the region
+_HAIRLINE = 5e-5  # relative to the square root of an area, of which tracks have seen all else
 _SLIVER = 1e-3  # metres: narrower parts are rounding, as no position is known so well
+
+
+def _without_hairlines(shape: Any, whole: Any) -> Any:
+    """Return the polygons of a part of an area without those that are narrower than what the rounding
+    of tracks in files leaves between what they saw.
+    """
+    import shapely
+
+    parts = shapely.get_parts(polygons_in(shape))
+    width = _HAIRLINE * float(whole.area) ** 0.5
+    return shapely.multipolygons(parts[~shapely.is_empty(shapely.buffer(parts, -width / 2))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +100,7 @@ class SearchRegion:
             if getattr(self, name) is None:
                 object.__setattr__(self, name, self.area)
         if self.searched is not None:
-            unsearched = polygons_in(self.area.difference(self.searched))
+            unsearched = _without_hairlines(self.area.difference(self.searched), self.area)
             if unsearched.is_empty:
                 raise InvalidInputError(
                     f"region {self.name!r}: expected a part that was not searched yet, got tracks"

@@ -15,7 +15,7 @@ MOST_CELLS = 30_000
 STRIP = 2000
 """Cost of a strip: costs of strips and preferences of cells are whole numbers."""
 
-_MOST_SEARCHED = 60_000  # cells times ends of strips: larger regions take all links as straight
+_MOST_SEARCHED = 300_000  # cells times ends of strips: larger regions take all links as straight
 _DENT = 0.75  # cells: dents of a border that are less deep are those of cells
 _AROUND = 0.05  # cells by which a link around a corner is longer at least
 _ROWS = 2  # preference for rows where nothing else decides
