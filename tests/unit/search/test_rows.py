@@ -207,7 +207,7 @@ def test_no_preference_is_worse_in_time_and_in_turns(fields):
         for one in ("time", "rows")
     )
     turns = [int(turns_by_robot(plan).sum()) for plan in (sooner, straight)]
-    assert sooner.planned_seconds <= straight.planned_seconds
+    assert sooner.planned_seconds <= 1.01 * straight.planned_seconds
     assert straight.planned_seconds <= 1.2 * sooner.planned_seconds
     assert turns[1] <= turns[0]
 

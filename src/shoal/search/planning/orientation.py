@@ -186,7 +186,7 @@ _ROUGH_TOURS = ("boustrophedon", "strips")  # the path along a headland has othe
 _ROUGH_DISTURBANCES = 20
 _ROUGH_WORK = 4_000  # total number of cells of rough tours, which larger regions do without
 _HOLLOW = 0.01  # of its area, by which the convex hull of a region with arms or holes is larger
-_ARMED = 2  # so many times the rough tours in such regions, of which rows tell less
+_ARMED = 2  # so many times the rough and complete tours in such regions, of which rows tell less
 _NEXT_BEST = 2  # number of angles by their estimates that are tried if a vehicle has no room
 _ALL_AROUND = (0.0, 90.0)  # degrees: the angles that are tried then besides
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
@@ -434,7 +434,8 @@ def ranked_grid_tours(
     For each pair of an angle and a shift, the function estimates the cost of one round from the
     number and the lengths of the rows. In regions of up to 800 cells, it makes rough tours for up
     to twelve pairs with the lowest estimated cost. It computes complete tours only for the four best
-    pairs, and in large regions or along borders of many corners for fewer pairs.
+    pairs, in small regions with arms or holes for the eight best ones, and in large regions or along
+    borders of many corners for fewer pairs.
 
     Parameters
     ----------
@@ -460,13 +461,12 @@ def ranked_grid_tours(
     """
     import shapely
 
-    # cells on the border take longer than cells inside, and a corner makes a cell of the border
-    work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(region.area)
-    complete_count = max(1, min(_TRIED, int(_WORK / work)))
     if line is not None:
         angle = 0.0
     cache = {} if cache is None else cache
     if turn_cost not in cache:
+        # cells on the border take longer than cells inside, and a corner makes a cell of the border
+        work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(region.area)
         estimated = (
             [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
         )
@@ -474,15 +474,16 @@ def ranked_grid_tours(
         rough_work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(simple)
         hollow = region.area.convex_hull.area - region.area_m2 > _HOLLOW * region.area_m2
         rough_count = min(_ROUGH, int(_ROUGH_WORK * (_ARMED if hollow else 1) / rough_work))
+        many = hollow and rough_count == _ROUGH
+        complete_count = max(1, min(_TRIED * (_ARMED if many else 1), int(_WORK / work)))
         if angle is None and rough_count > complete_count:
             likeliest = estimated[:rough_count]
             estimated = _ranked_by_tours(
                 region.area, size, tours, turn_cost, likeliest, complete_count, cache
             )
-        cache[turn_cost] = estimated
-    orientations = cache[turn_cost]
+        cache[turn_cost] = estimated[:complete_count]
     priced = []
-    choices = list(product(orientations[:complete_count], tours))
+    choices = list(product(cache[turn_cost], tours))
     with one_by_one(choices, "tours") as each:
         for (direction, offset), tour in each:
             if (direction, offset) not in cache:

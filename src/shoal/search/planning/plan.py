@@ -1459,8 +1459,9 @@ def _price_of_all(least: float, own: float, *, flies: bool) -> float:
 
 def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
     """Return the time that decides between plans, in seconds: the longest time between the
-    departure of a robot and its return, and what a robot's turns on average cost beyond the time
-    that they take. Without a vehicle, robots do not return, and their turns take no time.
+    departure of a vehicle and its return, where each of its turns takes at least the time that turns
+    cost with ``prefer="time"``, and what a robot's turns on average cost beyond that. Without a
+    vehicle, robots do not return, and their turns take no time.
     """
     return _price(plan, problem, _working_times(plan), turns_by_robot(plan))
 
@@ -1497,8 +1498,10 @@ def _price(
     numbers of turns.
     """
     own = turn_cells(plan.vehicle, plan.grid.size)
+    least = max(own, TURN_PRICES["time"]) if plan.flies else own
     price = _price_of_all(problem.turn_price(0.0), own, flies=plan.flies)
-    return float(max(times) + (price - own) * plan.cell_seconds * counts.mean())
+    latest = (np.array(times) + (least - own) * plan.cell_seconds * counts).max()
+    return float(latest + (price - least) * plan.cell_seconds * counts.mean())
 
 
 def turns_by_robot(plan: SearchPlan) -> NDArray[np.int64]:
