@@ -76,7 +76,13 @@ from shoal.search.planning.orientation import (
 from shoal.search.problem import TOUR, TURN_PRICES, SearchProblem
 from shoal.search.problem.prior import Prior
 from shoal.search.problem.target import Ground, Looks, MovingGround, looks_from
-from shoal.search.regions.coverage import TURNING, Image, check_footprints, coverage_check
+from shoal.search.regions.coverage import (
+    TURNING,
+    UNSEEN,
+    Image,
+    check_footprints,
+    coverage_check,
+)
 from shoal.search.regions.margin import grow, with_margin, without_margin
 from shoal.search.regions.places import places_of, read_points
 from shoal.search.regions.region import TOUCH, SearchRegion
@@ -153,7 +159,6 @@ _FLOWN = 3_000
 _TEAM = 2.5  # price of the turns of all vehicles on average, relative to the price of turns
 _PLANNED = 3  # number of tours that are planned in full, for each price of a turn, of any name
 _NARROWED = 6  # number of compared widths of the rows of a camera
-_UNSEEN = 1e-5  # share of a region that images may miss
 _LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
 _ROUNDED = 1e-9  # cells: rounding error of a number of cells
 _MUCH_SLOWER = 1.2  # times as long as straight rows: along a line
@@ -1302,7 +1307,7 @@ def _is_seen(plan: SearchPlan, grid: CellGrid) -> bool:
         coverage_check(
             grid.region, searched, sides, angle=grid.angle, image=plan.image
         ).covered_fraction
-        > 1 - _UNSEEN
+        >= 1 - UNSEEN
     )
 
 
