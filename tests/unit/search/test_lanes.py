@@ -143,7 +143,11 @@ def test_a_line_is_read_from_all_its_forms(tmp_path):
         ("a.wkt", "LINESTRING (1 2)", "a.wkt: expected a line of two points or more, got 1$"),
         ("a.wkt", "LINESTRING (1 2, 3 x)", "a.wkt, vertex 2: expected two numbers, .* '3 x'$"),
         ("a.wkt", "LINESTRING (1 2, 3 4", "as many closing as opening parentheses, got 0 and 1$"),
+        ("a.wkt", "LINESTRING (1 2, 3 4 5)", "vertex 2: expected 2 numbers, as the f.* '3 4 5'$"),
+        ("a.wkt", "LINESTRING Z (1 2, 3 4)", "vertex 1: expected 3 numbers, as Z says, got '1 2'$"),
+        ("a.wkt", "LINESTRING (1 2, 1 2 3 4 5)", "vertex 2: expected from 2 to 4 n.* '1 2 3 4 5'$"),
         ("a.csv", "x,y\n1,1\n", "expected a line of two points or more, got 1"),
+        ("a.csv", "1\n2\n", r"a.csv: line 1: expected two numbers, x,y, got '1' \(1 column\)$"),
     ],
 )
 def test_a_wrong_line_is_refused(tmp_path, name, content, word):
@@ -156,6 +160,38 @@ def test_a_wrong_line_is_refused(tmp_path, name, content, word):
             else open_region("square:9"),
             what="along",
         )
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        (
+            {"along": "POLYGON ((0 0, 9 0, 9 9, 0 0))"},
+            "along: expected well-known text such as LINESTRING (0 0, 2 0), got 'POLYGON ((0 0, 9"
+            " 0, 9 9, 0 0))'",
+        ),
+        (
+            {"along": "MULTILINESTRING ((0 0, 9 0), (1 1, 2 2))"},
+            "along: expected a LINESTRING, got a MultiLineString",
+        ),
+        (
+            {"launch": "POINT (0 5)"},
+            "launch: expected a file of launch points, or points such as 0,-5;10,-5, got 'POINT (0"
+            " 5)'",
+        ),
+        ({"launch": "1,2;3"}, "launch, point 2: expected two numbers, x,y, got '3'"),
+        ({"land": "1,2,3"}, "land, point 1: expected two numbers, x,y, got '1,2,3'"),
+        (
+            {"searched": ("LINESTRING (0 5, 9 5)",)},
+            "searched: expected a file of the points of a track, got 'LINESTRING (0 5, 9 5)'",
+        ),
+        ({"targets": "POINT (0 5)"}, "targets: expected a file of targets, got 'POINT (0 5)'"),
+    ],
+)
+def test_text_in_place_of_a_line_or_of_points_is_refused_with_its_place(fields, message):
+    with pytest.raises(InvalidInputError) as error:
+        shoal.run(SearchProblem("square:9", robots=2, footprint=3, **fields))
+    assert str(error.value) == message
 
 
 def test_what_contradicts_a_line_is_refused():
