@@ -243,13 +243,13 @@ def _nearest_parts(area: Any, stops: Points, side: float) -> Any:
     nearest, of = np.concatenate(points), np.concatenate(owner)
     nearest, first = np.unique(nearest, axis=0, return_index=True)
     of = of[first]
-    cells = shapely.intersection(area, _voronoi_cells(nearest, area))
+    cells = _voronoi_cells(nearest, area)
     order = np.argsort(of, kind="stable")
     begins = np.searchsorted(of[order], np.arange(len(stops) + 1))
-    return np.array(
-        [shapely.union_all(cells[order[begin:end]]) for begin, end in pairwise(begins.tolist())],
-        dtype=object,
-    )
+    groups = [
+        shapely.union_all(cells[order[begin:end]]) for begin, end in pairwise(begins.tolist())
+    ]
+    return shapely.intersection(area, np.array(groups, dtype=object))
 
 
 def _voronoi_cells(points: Points, area: Any) -> Any:
