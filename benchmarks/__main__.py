@@ -6,6 +6,8 @@ cell, compiled the same way.
 
 from __future__ import annotations
 
+import argparse
+
 from benchmarks.kernels import bench_episode, bench_move
 from benchmarks.line import bench_line
 from benchmarks.processes import bench_import, bench_second_run
@@ -32,4 +34,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     main()

@@ -6,6 +6,7 @@ lines of text on a pseudo-terminal, and hold their last level.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import select
@@ -101,4 +102,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     main()

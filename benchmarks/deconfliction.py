@@ -11,7 +11,7 @@ several draws. It prints what came nearest, how many layers there were and how l
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from collections.abc import Sequence
 from itertools import combinations
@@ -103,7 +103,7 @@ def least_distance(missions: Sequence[Mission], late: Any, vertical: float) -> f
     return float(least)
 
 
-def main(count: int = 50, seed: int = 0) -> None:
+def main(count: int, seed: int) -> None:
     """Fly random plans and print what was found."""
     separation, began = Separation(), time.perf_counter()
     nearest, exact, layers, waits, sorties = np.inf, np.inf, [], [], 0
@@ -131,4 +131,8 @@ def main(count: int = 50, seed: int = 0) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("count", nargs="?", type=int, default=50, help="plans")
+    parser.add_argument("seed", nargs="?", type=int, default=0)
+    given = parser.parse_args()
+    main(given.count, given.seed)

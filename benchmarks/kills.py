@@ -9,6 +9,7 @@ compared with those of a run without any.
 
 from __future__ import annotations
 
+import argparse
 import os
 import random
 import signal
@@ -270,7 +271,12 @@ def _mount(disk: Path, options: str) -> None:
 
 
 def main() -> None:
-    if "--alone" not in sys.argv:  # what is mounted is seen by nobody else, and any user may mount
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("kills", nargs="?", type=int, default=50)
+    parser.add_argument("disks", nargs="?", type=int, default=20)
+    parser.add_argument("--alone", action="store_true", help="the mounts are seen by nobody else")
+    given = parser.parse_args()
+    if not given.alone:  # what is mounted is seen by nobody else, and any user may mount
         alone = [
             "unshare",
             "--map-root-user",
@@ -282,11 +288,7 @@ def main() -> None:
             "--alone",
         ]
         sys.exit(subprocess.run(alone, check=False).returncode)
-    kills, disks = (
-        (int(word) for word in [*sys.argv[1:-1], "50", "20"][:2])
-        if len(sys.argv) != 3
-        else (int(sys.argv[1]), 20)
-    )
+    kills, disks = given.kills, given.disks
     random.seed(5)
     # a shell's background ignores it, and so would the sweeps
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -4,6 +4,7 @@ with the default budget.
 
 from __future__ import annotations
 
+import argparse
 import time
 
 import numpy as np
@@ -53,4 +54,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     main()

@@ -4,6 +4,7 @@ of a large plan.
 
 from __future__ import annotations
 
+import argparse
 import time
 
 import numpy as np
@@ -96,6 +97,7 @@ def scale() -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     volumes()
     crossed()
     scale()

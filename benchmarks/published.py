@@ -4,6 +4,7 @@ Fig. 7, as a table.
 
 from __future__ import annotations
 
+import argparse
 import statistics
 
 from shoal.lab import run_trials
@@ -27,4 +28,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     main()

@@ -10,6 +10,7 @@ nobody left the region, and nobody was left in the air.
 
 from __future__ import annotations
 
+import argparse
 import random
 import sys
 import tempfile
@@ -36,7 +37,7 @@ def happenings(chance: random.Random) -> list[Happening]:
     return [*some, Happening(at[3], "silence", silent), Happening(at[4], "blind", blind)]
 
 
-def main(runs: int = 20, speed_up: float = 6.0) -> int:
+def main(runs: int, speed_up: float) -> int:
     passed = 0
     for seed in range(runs):
         chance = random.Random(seed)
@@ -78,4 +79,8 @@ def main(runs: int = 20, speed_up: float = 6.0) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*(kind(text) for kind, text in zip((int, float), sys.argv[1:], strict=False))))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("runs", nargs="?", type=int, default=20)
+    parser.add_argument("speed_up", nargs="?", type=float, default=6.0)
+    given = parser.parse_args()
+    sys.exit(main(given.runs, given.speed_up))

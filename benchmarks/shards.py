@@ -4,7 +4,7 @@ for each batch of a worker: CPU seconds to write, to find what is missing, and t
 
 from __future__ import annotations
 
-import sys
+import argparse
 import tempfile
 import time
 from collections.abc import Callable
@@ -32,7 +32,9 @@ def measure(text: str, call: Callable[[], Any]) -> Any:
 
 
 def main() -> None:
-    sweep = large(int(sys.argv[1]) if len(sys.argv) > 1 else TRIALS)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("trials", nargs="?", type=int, default=TRIALS)
+    sweep = large(parser.parse_args().trials)
     pa.set_cpu_count(1)
     estimate([1, 2, 3])
     with tempfile.TemporaryDirectory() as folder:

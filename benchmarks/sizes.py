@@ -6,10 +6,10 @@ needs before its work (imports, the data) is subtracted from the memory.
 
 from __future__ import annotations
 
+import argparse
 import inspect
 import multiprocessing
 import resource
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -220,11 +220,14 @@ SIZES = {
 
 
 def main() -> None:
-    if len(sys.argv) < 2 or sys.argv[1] not in SIZES:
-        for name, call in SIZES.items():
-            print(f"{name}: {inspect.getdoc(call)}")
-        raise SystemExit(2)
-    SIZES[sys.argv[1]](*map(int, sys.argv[2:3]))
+    names = "\n".join(f"{name}: {inspect.getdoc(call)}" for name, call in SIZES.items())
+    parser = argparse.ArgumentParser(
+        description=f"{__doc__}\n{names}", formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("name", choices=SIZES)
+    parser.add_argument("size", nargs="*", type=int)
+    given = parser.parse_args()
+    SIZES[given.name](*given.size[:1])
 
 
 if __name__ == "__main__":

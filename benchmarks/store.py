@@ -4,8 +4,8 @@ the largest memory.
 
 from __future__ import annotations
 
+import argparse
 import resource
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -67,7 +67,9 @@ def large(trials: int, *, seed: int = 0) -> Sweep:
 
 
 def main() -> None:
-    sweep = large(int(sys.argv[1]) if len(sys.argv) > 1 else TRIALS)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("trials", nargs="?", type=int, default=TRIALS)
+    sweep = large(parser.parse_args().trials)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "large.sqlite"
         with Store(path, write=True) as store:

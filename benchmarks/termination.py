@@ -4,6 +4,7 @@ with any number of particles.
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections import Counter
 
@@ -48,8 +49,11 @@ def workspace_of(rng: np.random.Generator) -> GridWorkspace:
 
 def main() -> int:
     """Play; return 1 if an episode did not end."""
-    episodes = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
-    first = int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("episodes", nargs="?", type=int, default=100_000)
+    parser.add_argument("first", nargs="?", type=int, default=0, help="number of the first episode")
+    given = parser.parse_args()
+    episodes, first = given.episodes, given.first
     statuses: Counter[str] = Counter()
     longest = 0.0
     for number in range(first, first + episodes):

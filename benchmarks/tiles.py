@@ -6,6 +6,7 @@ of a large window, in Chromium without a graphics card. docs/adr/0020-map-tiles.
 
 from __future__ import annotations
 
+import argparse
 import io
 import os
 import shutil
@@ -75,4 +76,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     sys.exit(main())

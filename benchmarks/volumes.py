@@ -5,8 +5,8 @@ python -m benchmarks.volumes
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 
 from benchmarks.timing import process, row
 
@@ -41,5 +41,7 @@ def bench_volume(
 
 
 if __name__ == "__main__":
-    for chosen in sys.argv[1:] or ["closest-frontier"]:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("policies", nargs="*", metavar="POLICY", default=["closest-frontier"])
+    for chosen in parser.parse_args().policies:
         bench_volume(chosen)

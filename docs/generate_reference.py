@@ -8,6 +8,7 @@ Run: python docs/generate_reference.py
 
 from __future__ import annotations
 
+import argparse
 import re
 from pathlib import Path
 from typing import Any
@@ -252,5 +253,6 @@ PAGES = {
 }
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     for name, made in PAGES.items():
         (TARGET / name).write_text(made(), encoding="utf-8")

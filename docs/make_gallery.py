@@ -5,9 +5,9 @@ Run: python docs/make_gallery.py [NAME ...], without a name for all.
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
-import sys
 from pathlib import Path
 
 from PIL import Image
@@ -30,10 +30,18 @@ def blocks_of(text: str) -> dict[str, str]:
 
 def main() -> None:
     """Make what was asked for, as small files."""
+    blocks = blocks_of(PAGE.read_text())
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"{', '.join(blocks)}; default: all"
+    )
+    given = parser.parse_args()
+    if unknown := set(given.names) - set(blocks):
+        parser.error(f"expected names of {PAGE.name}, got {', '.join(sorted(unknown))}")
     FOLDER.mkdir(exist_ok=True)
     os.chdir(FOLDER)
-    for name, block in blocks_of(PAGE.read_text()).items():
-        if sys.argv[1:] and name not in sys.argv[1:]:
+    for name, block in blocks.items():
+        if given.names and name not in given.names:
             continue
         exec(compile(block, f"{PAGE.name}: {name}", "exec"), {"shoal": shoal})
         if name.endswith(".png"):

@@ -6,6 +6,7 @@ Run: python docs/make_house_image.py
 
 from __future__ import annotations
 
+import argparse
 import ast
 import json
 import textwrap
@@ -89,6 +90,7 @@ def house() -> Figure:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     picture = Path(__file__).parent / "images" / "house.png"
     save_figure(house(), picture)
     about = PngInfo()

@@ -9,6 +9,7 @@ docs/images/learning-curve.png)
 
 from __future__ import annotations
 
+import argparse
 import io
 import sys
 from collections.abc import Mapping, Sequence
@@ -97,7 +98,14 @@ def main() -> None:
         "steering": steering,
         "calibration": calibration,
     }
-    for name in sys.argv[1:] or parts:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "parts", nargs="*", metavar="PART", help=f"{', '.join(parts)}; default: all"
+    )
+    given = parser.parse_args()
+    if unknown := set(given.parts) - set(parts):
+        parser.error(f"expected {', '.join(parts)}, got {', '.join(sorted(unknown))}")
+    for name in given.parts or parts:
         parts[name]()
 
 

@@ -6,6 +6,7 @@ Run: python -m docs.make_readme_image
 
 from __future__ import annotations
 
+import argparse
 from itertools import islice
 from pathlib import Path
 
@@ -51,4 +52,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     main()

@@ -6,6 +6,7 @@ Run: python docs/make_sheet.py; some seconds. The sheets are written to docs/ima
 
 from __future__ import annotations
 
+import argparse
 import io
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -199,5 +200,6 @@ def write(sheet: Image.Image, name: str) -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     write_figures()
     write_films()

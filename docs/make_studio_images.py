@@ -7,6 +7,7 @@ Needs Chromium.
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import re
 import shutil
@@ -258,4 +259,6 @@ def keep(page: Page, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, help="for pictures of all pages and forms")
+    main(parser.parse_args().folder)

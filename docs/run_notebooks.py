@@ -6,11 +6,11 @@ Run: python docs/run_notebooks.py [NAME.ipynb ...], without a name for all.
 
 from __future__ import annotations
 
+import argparse
 import ast
 import base64
 import io
 import json
-import sys
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -64,8 +64,16 @@ def run_notebook(notebook: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Run the notebooks that were asked for."""
-    for path in sorted(FOLDER.glob("*.ipynb")):
-        if not sys.argv[1:] or path.name in sys.argv[1:]:
+    paths = {path.name: path for path in sorted(FOLDER.glob("*.ipynb"))}
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"{', '.join(paths)}; default: all"
+    )
+    given = parser.parse_args()
+    if unknown := set(given.names) - set(paths):
+        parser.error(f"expected {', '.join(paths)}, got {', '.join(sorted(unknown))}")
+    for name, path in paths.items():
+        if not given.names or name in given.names:
             path.write_text(
                 json.dumps(run_notebook(json.loads(path.read_text())), indent=1, ensure_ascii=False)
                 + "\n"

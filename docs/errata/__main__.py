@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -76,6 +77,7 @@ def said(one: Erratum) -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     found = check_all()
     record(found)
     PAGE.write_text(page(found), encoding="utf-8")

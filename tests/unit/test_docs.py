@@ -336,3 +336,14 @@ def test_page_of_files_describes_an_episode_file(tmp_path):
         assert re.search(rf"\b{field}\b|map name", text), (
             f"docs/concepts/files.md does not name the field {field}"
         )
+
+
+def test_programs_of_the_repository_have_a_help():
+    """One of them took --help as the name of a folder, others began their work."""
+    programs = [path for name in ("docs", "benchmarks") for path in (ROOT / name).rglob("*.py")]
+    texts = {path: path.read_text() for path in programs}
+    assert [
+        path
+        for path, text in texts.items()
+        if '__name__ == "__main__"' in text and "ArgumentParser(" not in text
+    ] == []

@@ -446,6 +446,24 @@ def parse_toml(text: str, *, where: str) -> dict[str, Any]:
     return data
 
 
+_GEOMETRY = re.compile(
+    r"\s*(MULTI)?(POINT|LINESTRING|POLYGON|CURVE|SURFACE|GEOMETRYCOLLECTION)(\s*(Z|M|ZM))?\s*"
+    r"(\(|EMPTY)",
+    re.IGNORECASE,
+)
+
+
+def is_wkt(text: str) -> bool:
+    """Return whether a text is the well-known text of a geometry, and no name of a file.
+
+    Examples
+    --------
+    >>> is_wkt("POLYGON ((0 0, 2 0, 2 1, 0 0))"), is_wkt("polygon.csv")
+    (True, False)
+    """
+    return _GEOMETRY.match(text) is not None
+
+
 def read_polygon(text: str, *, where: str) -> Any:
     """Return a polygon or multipolygon from its well-known text, and refuse any other geometry."""
     return _read_wkt(text, "POLYGON", "POLYGON ((0 0, 2 0, 2 1, 0 0))", where)
@@ -480,7 +498,23 @@ def _read_wkt(text: str, kind: str, example: str, where: str) -> Any:
         for number, ring in enumerate(re.findall(r"\(([^()]*)\)", text), start=1):
             vertices = [vertex.split() for vertex in ring.split(",")]
             check_vertices(vertices, where, number if kind == "POLYGON" else None)
+            _check_dimensions(vertices, where, number if kind == "POLYGON" else None, text)
         raise InvalidInputError(f"{where}: {expected}, got {shortened(text)}") from None
+
+
+def _check_dimensions(vertices: list[list[str]], where: str, ring: int | None, text: str) -> None:
+    """Refuse vertices of a well-known text that have more numbers than others, or than its type."""
+    names = re.match(r"\s*\w+?\s*(ZM|Z|M)?\s*\(", text, re.IGNORECASE)
+    stated = names[1] if names else None
+    count = 2 + len(stated) if stated else len(vertices[0])
+    why = f"as {stated.upper()} says" if stated else "as the first vertex has"
+    for number, vertex in enumerate(vertices, start=1):
+        if len(vertex) > 4 or len(vertex) != count:
+            place = where + ("" if ring is None else f", ring {ring}")
+            expected = "from 2 to 4 numbers" if len(vertex) > 4 else f"{count} numbers, {why}"
+            raise InvalidInputError(
+                f"{place}, vertex {number}: expected {expected}, got {shortened(' '.join(vertex))}"
+            )
 
 
 def fault_place(shape: Any) -> str:

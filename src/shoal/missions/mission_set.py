@@ -407,6 +407,7 @@ class MissionSet:
             cap=options.cap,
             altitudes=Altitudes(options.altitude_frame, terrain, options.terrain_error),
         )
+        plan = replace(plan, ending=_ending_of(missions))  # its times are those of the missions
         return cls(
             missions, problem=problem, plan=plan, options=options, seed=seed, terrain=terrain
         )
@@ -648,6 +649,14 @@ def _expected_find(plan: SearchPlan, problem: SearchProblem) -> float:
     limit = problem.at_most * (plan.plain_seconds or 0.0) if problem.moves else None
     found = planned_success(plan, problem, limit).mean
     return inf if found is None else found
+
+
+def _ending_of(missions: Sequence[Mission]) -> str | None:
+    """Return how missions end, which is the same for all; None without missions."""
+    if not missions:
+        return None
+    first = missions[0]
+    return "return" if first.landing is None else "land" if first.loiter is None else "loiter"
 
 
 def _add_barriers(problem: SearchProblem, options: MissionOptions) -> SearchProblem:

@@ -19,7 +19,7 @@ from shoal.search.flight.vehicle import Vehicle, vehicle_of
 from shoal.search.problem import READING, SearchProblem
 from shoal.search.problem.fields import check_path
 from shoal.search.regions.builder import open_region
-from shoal.search.regions.coverage import TURNING
+from shoal.search.regions.coverage import TURNING, UNSEEN_BY_IMAGES
 from shoal.search.regions.margin import with_margin
 from shoal.search.regions.region import SearchRegion
 
@@ -283,7 +283,10 @@ class CheckOptions(Problem):
         check=_check_facing,
     )
     least: float = option(
-        0.999, help="Minimum share of the region that the vehicles must see.", least=0, most=1
+        1 - UNSEEN_BY_IMAGES,
+        help="Minimum share of the region that the vehicles must see.",
+        least=0,
+        most=1,
     )
     format: str | None = option(
         None,

@@ -43,7 +43,7 @@ from shoal.search.problem import CENTRE, SearchProblem
 from shoal.search.problem.network import Liar
 from shoal.search.problem.prior import with_contents
 from shoal.search.problem.target import MovingGround
-from shoal.search.regions.coverage import AreaCoverage, combine_coverages
+from shoal.search.regions.coverage import UNSEEN, AreaCoverage, combine_coverages
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import (
     Finding,
@@ -56,7 +56,7 @@ from shoal.search.simulation.trace import (
     search_times,
     simulated_trace,
 )
-from shoal.search.tours.masks import array_to_bits
+from shoal.search.tours.masks import array_to_bits, bits_to_array
 
 FORMAT: Literal[2] = 2
 
@@ -111,14 +111,38 @@ class SearchEpisode(Episode):
 
     @cached_property
     def status(self) -> Status:  # type: ignore[override]  # computed on first use
-        """``complete`` if robots searched all reachable cells, and every working robot knows that
-        the search is complete.
+        """``complete`` if robots searched all reachable cells, saw the region between them, and
+        every working robot knows that the search is complete.
+
+        The share that stays unseen is at most `SearchProblem.most_unseen`.
         """
         return (
             Status.COMPLETE
-            if self.trace.covered_at < inf and not self._unaware
+            if self.trace.covered_at < inf
+            and not self._unaware
+            and self._unseen_share <= self.problem.most_unseen
             else Status.INCOMPLETE
         )
+
+    @cached_property
+    def _unseen_share(self) -> float:
+        """Share of the region that no robot saw, although the cells there were searched; 0 if it is
+        at most `UNSEEN`.
+
+        Only footprints that turn with their robots can leave gaps: others see their whole cells.
+        """
+        if self.plan.image is None:
+            return 0.0
+        cells, layers = self.plan.tour.cells, layers_of(self.plan.grid)
+        out_of_reach = ~bits_to_array(self.scenario.goal, len(cells))
+        gaps, area = 0.0, 0.0
+        for number, coverage in zip(self._whole_layers, self.coverages, strict=True):
+            uncovered, area = coverage.uncovered, area + coverage.area_m2
+            here = out_of_reach if cells.shape[1] == 2 else out_of_reach & (cells[:, 0] == number)
+            if here.any():
+                uncovered = uncovered.difference(layers[number].area_of(cells[here, -2:]))
+            gaps += float(uncovered.area)
+        return gaps / area if gaps > UNSEEN * area else 0.0
 
     @property
     def reason(self) -> str:
@@ -144,10 +168,18 @@ class SearchEpisode(Episode):
             f" {duration_text(self.makespan or 0.0)}"
         )
         if self._as_planned:
-            return f"{text}, according to the plan: nothing was simulated"
-        if self._unaware:
-            return f"{text}, but {len(self._unaware)} live robots do not know it"
-        return f"{text}, and every live robot knows it"
+            text += ", according to the plan: nothing was simulated"
+        elif self._unaware:
+            text += f", but {len(self._unaware)} live robots do not know it"
+        else:
+            text += ", and every live robot knows it"
+        if not self._unseen_share:
+            return text
+        gaps_m2 = self._unseen_share * self.coverage.area_m2
+        return (
+            f"{text}; no robot saw {gaps_m2:.4g} m² between footprints"
+            f" ({100 * self._unseen_share:.2g} % of the region)"
+        )
 
     @property
     def _as_planned(self) -> bool:

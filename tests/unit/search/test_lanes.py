@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from shoal.search.cells.viewpoints import difference
 from shoal.search.flight.timing import turns_of
 from shoal.search.planning import plan as plan_module
 from shoal.search.planning.plan import turns_by_robot
+from shoal.search.regions.coverage import Image
 from shoal.search.regions.places import read_line
 from shoal.search.regions.projection import LocalFrame
 from shoal.views.search.page import page_data
@@ -141,7 +143,11 @@ def test_a_line_is_read_from_all_its_forms(tmp_path):
         ("a.wkt", "LINESTRING (1 2)", "a.wkt: expected a line of two points or more, got 1$"),
         ("a.wkt", "LINESTRING (1 2, 3 x)", "a.wkt, vertex 2: expected two numbers, .* '3 x'$"),
         ("a.wkt", "LINESTRING (1 2, 3 4", "as many closing as opening parentheses, got 0 and 1$"),
+        ("a.wkt", "LINESTRING (1 2, 3 4 5)", "vertex 2: expected 2 numbers, as the f.* '3 4 5'$"),
+        ("a.wkt", "LINESTRING Z (1 2, 3 4)", "vertex 1: expected 3 numbers, as Z says, got '1 2'$"),
+        ("a.wkt", "LINESTRING (1 2, 1 2 3 4 5)", "vertex 2: expected from 2 to 4 n.* '1 2 3 4 5'$"),
         ("a.csv", "x,y\n1,1\n", "expected a line of two points or more, got 1"),
+        ("a.csv", "1\n2\n", r"a.csv: line 1: expected two numbers, x,y, got '1' \(1 column\)$"),
     ],
 )
 def test_a_wrong_line_is_refused(tmp_path, name, content, word):
@@ -154,6 +160,38 @@ def test_a_wrong_line_is_refused(tmp_path, name, content, word):
             else open_region("square:9"),
             what="along",
         )
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        (
+            {"along": "POLYGON ((0 0, 9 0, 9 9, 0 0))"},
+            "along: expected well-known text such as LINESTRING (0 0, 2 0), got 'POLYGON ((0 0, 9"
+            " 0, 9 9, 0 0))'",
+        ),
+        (
+            {"along": "MULTILINESTRING ((0 0, 9 0), (1 1, 2 2))"},
+            "along: expected a LINESTRING, got a MultiLineString",
+        ),
+        (
+            {"launch": "POINT (0 5)"},
+            "launch: expected a file of launch points, or points such as 0,-5;10,-5, got 'POINT (0"
+            " 5)'",
+        ),
+        ({"launch": "1,2;3"}, "launch, point 2: expected two numbers, x,y, got '3'"),
+        ({"land": "1,2,3"}, "land, point 1: expected two numbers, x,y, got '1,2,3'"),
+        (
+            {"searched": ("LINESTRING (0 5, 9 5)",)},
+            "searched: expected a file of the points of a track, got 'LINESTRING (0 5, 9 5)'",
+        ),
+        ({"targets": "POINT (0 5)"}, "targets: expected a file of targets, got 'POINT (0 5)'"),
+    ],
+)
+def test_text_in_place_of_a_line_or_of_points_is_refused_with_its_place(fields, message):
+    with pytest.raises(InvalidInputError) as error:
+        shoal.run(SearchProblem("square:9", robots=2, footprint=3, **fields))
+    assert str(error.value) == message
 
 
 def test_what_contradicts_a_line_is_refused():
@@ -223,7 +261,7 @@ def test_a_region_that_is_not_long_is_told_what_straight_rows_need(monkeypatch):
     found = re.match(r"along: robots need (\d+) s and turn (\d+) .* and (\d+) s and (\d+) ", text)
     seconds, turns, straight_seconds, straight_turns = map(int, found.groups())
     straight = plan_search(problem.replaced(along=None, angle=90, tour="boustrophedon"), seed=1)
-    assert straight_seconds == round(straight.planned_seconds) < seconds / 5
+    assert straight_seconds == round(straight.planned_seconds) < seconds / 2
     assert straight_turns == turns_by_robot(straight).sum() < turns / 10
 
 
@@ -256,7 +294,7 @@ def test_a_comb_has_a_middle_line_and_a_circle_has_none():
     missions = MissionSet.from_problem(
         SearchProblem(comb, along="centre", robots=1, footprint=10, vehicle="ideal"), seed=0
     )
-    assert missions.check().coverage.covered_fraction > 0.9998  # where the line bends, 4 m2 lack
+    assert missions.check().coverage.covered_fraction > 1 - 1e-5
     with pytest.raises(InvalidInputError, match="'circle:80' has no middle line"):
         plan_search(SearchProblem("circle:80", along="centre", robots=2, footprint=10))
 
@@ -265,3 +303,57 @@ def test_shapes_that_cross_themselves_are_taken_as_what_they_cover():
     bow = shapely.Polygon([(0, 0), (2, 2), (2, 0), (0, 2)])
     (rest,) = difference(np.array([bow]), np.array([shapely.box(0, 0, 1, 2)]))
     assert rest.area == pytest.approx(1)
+
+
+def comb(length, width, bend=0):
+    """A comb of five teeth on a spine of 400 m that bends in its middle."""
+    spine = shapely.LineString([(0, 0), (200, bend), (400, 0)])
+    teeth = [
+        shapely.LineString([(x, y), (x, y + length)]).buffer(width / 2, cap_style="flat")
+        for x in np.linspace(40, 360, 5)
+        for y in [float(np.interp(x, [0, 200, 400], [0, bend, 0]))]
+    ]
+    back = spine.buffer(width / 2, cap_style="flat", join_style="mitre")
+    return region_of(shapely.union_all([back, *teeth]), frame=None)
+
+
+@pytest.mark.parametrize("shape", [(40, 16, 20), (60, 24, 40), (60, 16, 80)])
+def test_robots_see_all_of_a_comb_along_its_middle(shape):
+    """Far from the line, cells outside of its bends are wider than a footprint."""
+    region, middle = comb(*shape), ((0, 0), (200, shape[2]), (400, 0))
+    for along in ("centre", middle):
+        episode = shoal.run(SearchProblem(region, robots=2, footprint=15, along=along))
+        assert episode.status == "complete"
+        assert episode.coverage.covered_fraction > 1 - 1e-5
+
+
+def test_a_search_whose_footprints_leave_gaps_is_incomplete():
+    episode = shoal.run(SearchProblem(strip(13), robots=2, footprint=15, along="centre"))
+    assert episode.status == "complete"
+    assert "footprints" not in episode.reason
+    narrower = replace(episode, plan=replace(episode.plan, image=Image(0.8, 0.8)))
+    assert narrower.makespan is not None  # each cell was searched
+    assert narrower.status == "incomplete"
+    text = r"; no robot saw ([\d.]+) m² between footprints \(7.7 % of the region\)$"
+    unseen = float(re.search(text, narrower.reason)[1])
+    assert unseen == pytest.approx(narrower.coverage.uncovered_m2, rel=1e-3)
+
+
+def test_what_robots_cannot_reach_is_no_gap():
+    problem = SearchProblem(
+        "rectangle:300x30", robots=2, footprint=10, along=((0, 15), (300, 15)), obstacles=4
+    )
+    episode = shoal.run(problem, seed=2)
+    assert episode.coverage.covered_fraction < 1 - 1e-3
+    assert episode.status == "complete"
+    assert "between footprints" not in episode.reason
+
+
+@pytest.mark.parametrize("shape", [(60, 16), (20, 24, 40), (60, 24, 20)])
+def test_cells_along_the_middle_of_combs_divide_them(shape):
+    """Cells of a Voronoi diagram of points on one line overlap in GEOS 3.13."""
+    region = comb(*shape)
+    grid = cells_along(region, 15, center_line(region, 15))
+    pieces = shapely.transform(grid.clipped.pieces, grid.lattice.to_region)
+    assert shapely.area(pieces).sum() == pytest.approx(region.area_m2, rel=1e-6)
+    assert shapely.covered_by(pieces, region.area.buffer(1e-6)).all()

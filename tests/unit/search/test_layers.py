@@ -356,7 +356,10 @@ def test_an_unknown_obstacle_stands_in_all_layers_and_robots_climb_beside_it(fie
         ),
         seed=1,
     )
-    assert episode.status == "complete"
+    assert episode.makespan is not None  # each cell was searched
+    # beside obstacles, images of a camera lie slanted, and leave gaps
+    whole = "footprint" not in fields
+    assert (episode.status == "complete") == whole == ("between footprints" not in episode.reason)
     assert episode.verify()
     grid, tour, blocked = episode.plan.grid, episode.plan.tour, episode.scenario.obstacles
     layers = tour.cells[list(blocked), 0]

@@ -28,7 +28,7 @@ from shoal.missions import (
     read_mission,
     write_missions,
 )
-from shoal.search import LocalFrame, RegionPaths, cells_of, open_region, region_of
+from shoal.search import LocalFrame, RegionPaths, cells_of, open_region, plan_search, region_of
 from shoal.search.flight.legs import merge_straight_legs
 from shoal.search.flight.sorties import Sorties
 from shoal.search.flight.vehicle import vehicle_of
@@ -730,6 +730,37 @@ def test_a_later_sortie_starts_after_the_climb_of_a_return(options, tmp_path):
         )
         found = lint(tmp_path, vehicle=vehicle)
         assert [one.rule for one in found].count("sorties-overlap") == mistakes
+
+
+@pytest.mark.parametrize("landing", [None, "-10,-10"])
+@pytest.mark.parametrize(
+    "vehicle",
+    [
+        "multirotor,altitude=30,endurance=9,recharge=5",
+        "fixed-wing,altitude=40,turn_radius=20,endurance=9,recharge=5",
+        "rover,endurance=59,recharge=5",
+    ],
+)
+def test_a_plan_without_missions_has_the_flights_of_missions_with_default_options(vehicle, landing):
+    """Plans of multirotors counted the climb of a return, and flew more sorties than missions."""
+    problem = SearchProblem(
+        "rectangle:800x400", robots=2, footprint=30, vehicle=vehicle, land=landing
+    )
+    plan = plan_search(problem, seed=1)
+    assert len(plan.sorties[0]) > 1
+    every = [{}, {"separation": 0}, {"separation": 0, "ending": "land"}]
+    every += [{"separation": 0, "ending": "return"}] if landing is None else []
+    for options in every:
+        planned = MissionSet.from_plan(plan, MissionOptions(**options))
+        durations = [planned.scheduled.sorties, planned.plan.sorties]
+        durations += [] if options else [plan.sorties]
+        first, *others = (
+            [seconds for sorties in own for _, seconds in sorties] for own in durations
+        )
+        for other in others:
+            assert other == pytest.approx(first, abs=0.1)
+        if options:  # without staggered starts
+            assert planned.plan.planned_seconds == pytest.approx(planned.end, abs=0.1)
 
 
 def test_a_plan_keeps_the_climb_of_a_return_in_the_battery():

@@ -401,9 +401,9 @@ BAD_FILES = {
     ),
     "columns.csv": (
         "0,0\n1,0,a,b\n1,1\n",
-        r"line 2: expected x,y or x,y,ring in metres, got 4 columns",
+        r"line 2: expected x,y or x,y,ring in metres, got '1,0,a,b' \(4 columns\)",
     ),
-    "tabs.csv": ("0\t0\n1\t0\n", r"line 1: .*got 1 columns"),
+    "tabs.csv": ("0\t0\n1\t0\n", r"line 1: .*got '0\\t0' \(1 column\)"),
     "word.csv": (
         "0,0\n1,east\n1,1\n",
         r"line 2: expected two numbers, x,y in metres, got '1,east'",

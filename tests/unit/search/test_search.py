@@ -436,7 +436,8 @@ def test_starts_from_a_file(tmp_path):
     assert plan.places.tolist() == [[20, 20], [20, 80]]
     table.write_text("x,y\n1,2\n3\n")
     with pytest.raises(
-        InvalidInputError, match=r"starts.csv: line 3: expected two numbers, x,y, got 1 columns"
+        InvalidInputError,
+        match=r"starts.csv: line 3: expected 2 columns, as the heading has, got '3' \(1 column\)$",
     ):
         planned("square:100", robots=2, footprint=10, starts=table)
 

@@ -380,3 +380,16 @@ def test_no_bend_takes_less_than_no_time():
             way, reach=float(rng.choice([0.1, 1, 5, 20])), cut=float(rng.choice([0.3, 1.0]))
         )
         assert shares.min() >= 0
+
+
+@pytest.mark.parametrize("turn", [45.0, -45.0])
+def test_rounding_in_files_decides_at_no_bend_whether_a_vehicle_stops(turn):
+    """Legs between cells side by side bend by just 45 degrees; the check has them from files."""
+    rng, vehicle = np.random.default_rng(0), vehicle_of("multirotor")
+    for heading in np.radians(rng.uniform(0, 360, 200)):
+        ahead = np.array([heading, heading, heading + math.radians(turn)])
+        legs = rng.uniform(10, 300, (3, 1)) * np.column_stack([np.cos(ahead), np.sin(ahead)])
+        path = np.vstack([[0.0, 0.0], np.cumsum(legs, axis=0)]) + rng.uniform(-500, 500, 2)
+        path = np.column_stack([path, np.full(4, 30.0)])
+        planned, read = (trajectory(points, vehicle) for points in (path, path.round(8)))
+        assert planned.duration == pytest.approx(read.duration, abs=1e-6)

@@ -308,6 +308,11 @@ def test_a_planted_certificate_is_refused(certificate, disk_certificate, name):
         (lambda proof: proof.update(limit=0.9 * proof["lower_bound"]), "is above the limit"),
         (lambda proof: proof.update(runs=not proof["runs"]), "holds are runs in disks and"),
         (lambda proof: proof.update(extra=1), "expected no field 'extra'"),
+        (lambda proof: proof.update(cells=[]), "expected no field 'cells'"),
+        (lambda proof: proof.update(kind="plan"), "expected the kind 'steering certificate'"),
+        (lambda proof: proof["trees"][0].update(note=1), "expected no field 'note'"),
+        (lambda proof: proof["goal"].append([0, 0]), "goal: expected two places of 2 coordinates"),
+        (lambda proof: proof["start"][0].append(0), "start: expected two places of 2 coordinates"),
     ],
 )
 @pytest.mark.parametrize("place", ["disk", "regular:60"])
@@ -317,6 +322,32 @@ def test_what_has_no_effect_on_a_bound_is_checked_as_well(place, damage, words, 
     assert check_certificate(proof)
     damage(proof)
     assert words in check_certificate(proof).message
+
+
+def test_what_has_no_effect_in_a_node_is_refused(certificate):
+    for change, words in (
+        ({"note": 1}, "expected no field 'note'"),
+        ({"side": "left"}, "no side is 'left'"),
+    ):
+        proof = copy.deepcopy(certificate.proof)
+        node = next(node for node in proof["trees"][0]["proof"] if "side" in node)
+        node.update(change)
+        assert words in check_certificate(proof).message
+        if "note" in change:
+            del node["note"]
+            proof["moves"]["proofs"][0]["proof"][0]["note"] = 1
+            assert words in check_certificate(proof).message
+
+
+def test_the_check_says_up_to_which_limit_a_proof_was_checked(whole_proofs):
+    """With a greater limit, multipliers prove less or as much: what they still prove is true."""
+    proof = copy.deepcopy(whole_proofs["disk"])
+    stated = f"of all plans up to the limit {proof['limit']:.9g}, prove"
+    assert stated in check_certificate(proof).message
+    proof["limit"] *= 1 + 1e-6
+    checked = check_certificate(proof)
+    assert stated not in checked.message
+    assert not checked or f"the limit {proof['limit']:.9g}" in checked.message
 
 
 @pytest.fixture(scope="module")

@@ -117,3 +117,32 @@ def test_hostile_drawings_get_one_sentence(inside, tmp_path, capsys):
 def test_hostile_texts_are_refused(text):
     with pytest.raises(InvalidInputError):
         open_workspace({"type": "svg", "text": text})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("hello", "expected an SVG path, got 'hello'"),
+        (
+            "<html><body>x</body></html>",
+            "expected an SVG drawing, got XML with the outermost element html",
+        ),
+        ("<svg", "expected an SVG drawing, got something else: unclosed token: line 1, column 0"),
+    ],
+)
+def test_files_of_another_kind_are_told_in_no_words_of_a_parser(text, message, tmp_path):
+    (tmp_path / "a.svg").write_text(text)
+    with pytest.raises(InvalidInputError) as error:
+        open_workspace(tmp_path / "a.svg")
+    assert str(error.value) == f"{tmp_path / 'a.svg'}: {message}"
+
+
+def test_a_problem_file_may_name_its_workspace(tmp_path):
+    problem, shape = tmp_path / "a.json", tmp_path / "b.wkt"
+    shape.write_text("POLYGON ((0 0, 1 0, 1 1, 0 1, 0 0))")
+    for name in ("square", str(shape)):
+        problem.write_text(f'{{"workspace": "{name}"}}')
+        assert corners(open_workspace(problem)) == corners(open_workspace("square"))
+    problem.write_text(f'{{"workspace": "{problem}"}}')
+    with pytest.raises(InvalidInputError, match=r"a.json: workspace: .*a.json: expected an object"):
+        open_workspace(problem)

@@ -256,6 +256,19 @@ class CellGrid:
         doors[rows, cols] = True
         return doors
 
+    def area_of(self, cells: NDArray[np.int64]) -> Any:
+        """Return the part of the region in the given cells, as a Shapely geometry in metres;
+        ``cells`` has the shape (n, 2).
+        """
+        import shapely
+
+        chosen = np.zeros(self.shape, dtype=np.bool_)
+        chosen[tuple(cells.T)] = True
+        cut = self.clipped.pieces[chosen[self.clipped.rows, self.clipped.cols]]
+        rows, cols = np.nonzero(chosen & self.clipped.whole)
+        whole = self.lattice.boxes(rows, cols)
+        return rotate_shape(shapely.union_all(np.concatenate([cut, whole])), self.angle)
+
     def __repr__(self) -> str:
         height, width = self.shape
         return (

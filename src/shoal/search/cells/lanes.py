@@ -23,7 +23,8 @@ from shoal.search.cells.clipping import (
     rotate_shape,
 )
 from shoal.search.cells.grid import CellGrid, grid_of_pieces
-from shoal.search.cells.viewpoints import viewpoints_of
+from shoal.search.cells.viewpoints import difference, viewpoints_of
+from shoal.search.regions.coverage import Image
 from shoal.search.regions.margin import visible_region
 from shoal.search.regions.outline import Points
 from shoal.search.regions.region import SearchRegion
@@ -34,6 +35,7 @@ _SAMPLES = 8  # points of the line per footprint, which divide the region among 
 _BENT = 0.02  # footprints: bends of a given line that are smaller are not flown
 _FLICKER = 4  # stations: for a narrower stretch that is shorter, no lane ends
 _HAIR = 1e-6  # relative to a footprint: pieces that are closer touch each other
+_BEYOND = 4  # diagonals of a region: to points outside that close a Voronoi diagram
 _BORDER_POINTS = 4_000  # most points of a border from which a centre line is derived
 
 
@@ -241,23 +243,34 @@ def _nearest_parts(area: Any, stops: Points, side: float) -> Any:
     nearest, of = np.concatenate(points), np.concatenate(owner)
     nearest, first = np.unique(nearest, axis=0, return_index=True)
     of = of[first]
-    cells = shapely.get_parts(
-        shapely.voronoi_polygons(
-            shapely.multipoints(nearest), extend_to=shapely.box(*area.buffer(side).bounds)
-        )
-    )
-    # a cell of the diagram contains one point, in no order
-    cell, point = shapely.STRtree(cells).query(shapely.points(nearest), predicate="intersects")[
-        ::-1
-    ]
-    station = np.empty(len(cells), dtype=np.int64)
-    station[cell] = of[point]
-    order = np.argsort(station, kind="stable")
-    begins = np.searchsorted(station[order], np.arange(len(stops) + 1))
+    cells = _voronoi_cells(nearest, area)
+    order = np.argsort(of, kind="stable")
+    begins = np.searchsorted(of[order], np.arange(len(stops) + 1))
     groups = [
         shapely.union_all(cells[order[begin:end]]) for begin, end in pairwise(begins.tolist())
     ]
     return shapely.intersection(area, np.array(groups, dtype=object))
+
+
+def _voronoi_cells(points: Points, area: Any) -> Any:
+    """Return the Voronoi cells of points near an area; Shapely polygons, shape (n,).
+
+    Points are often on one line, where the cells of GEOS 3.13 may overlap.
+    """
+    import shapely
+    from scipy.spatial import Voronoi
+
+    low, high = points.min(axis=0), points.max(axis=0)
+    bounds = np.array(area.bounds)
+    low, high = np.minimum(low, bounds[:2]), np.maximum(high, bounds[2:])
+    middle, beyond = (low + high) / 2, _BEYOND * float(np.hypot(*(high - low)))
+    # cells of four further points, none of which reaches the area, enclose the others
+    around = middle + beyond * np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])
+    diagram = Voronoi(np.concatenate([points - middle, around - middle]))
+    regions = [diagram.regions[k] for k in diagram.point_region[: len(points)]]
+    owner = np.repeat(np.arange(len(points)), [len(region) for region in regions])
+    corners = diagram.vertices[np.concatenate(regions)] + middle
+    return shapely.convex_hull(shapely.multipoints(shapely.points(corners), indices=owner))
 
 
 def _offsets(points: Points, stop: Points, before: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -323,17 +336,31 @@ def _viewpoints(
 ) -> tuple[Points, Numbers]:
     """Return the viewpoints of all pieces, as `viewpoints_of` does: the middle of the cell if a
     robot may be there, and otherwise places with the footprint along the line.
+
+    What a robot does not see on its way along the lane, such as the far end of a cell outside of a
+    sharp bend, has viewpoints of its own, from which it sees it whatever its heading.
     """
     import shapely
 
     middles = lattice.centers(clipped.rows, clipped.cols)
     good = shapely.intersects_xy(free, *middles.T)
+    beyond = difference(clipped.pieces, _views_along_lanes(clipped, lattice, ahead, side))
+    hidden = good & (shapely.area(beyond) > _HAIR * side**2)
     points, index = [], []
     for k, (piece, middle, fits) in enumerate(
         zip(clipped.pieces, middles, good.tolist(), strict=True)
     ):
         if fits:
             points.append(middle[None])
+            if hidden[k]:
+                places = viewpoints_of(
+                    beyond[k : k + 1],
+                    middle[None],
+                    footprint=side / np.sqrt(2),
+                    size=side,
+                    free=shapely.intersection(free, piece.buffer(side)),
+                )[0]
+                points[-1] = np.concatenate([points[-1], places])
         else:
             step = ahead[clipped.cols[k]].sum(axis=0)
             turn = float(np.degrees(np.arctan2(step[1], step[0])))
@@ -348,6 +375,26 @@ def _viewpoints(
             points.append(rotate(places, turn))
         index.append(np.full(len(points[-1]), k))
     return np.concatenate(points), np.concatenate(index)
+
+
+def _views_along_lanes(
+    clipped: Clipped, lattice: LineLattice, ahead: NDArray[np.float64], side: float
+) -> Any:
+    """Return what a robot sees near the middle of each piece's cell on its way along the lane, from
+    the middle of the cell before to the middle of the next one; Shapely geometries, shape (n,).
+    """
+    import shapely
+
+    middles, rows, cols = lattice.middles, clipped.rows, clipped.cols
+    here, n = middles[rows, cols], middles.shape[1]
+    views = []
+    for step, facing in ((-1, ahead[cols, 0]), (1, ahead[cols, 1])):
+        there = middles[rows, np.clip(cols + step, 0, n - 1)]
+        legs = step * (np.where(np.isnan(there), here, there) - here)
+        lengths = np.hypot(*legs.T)[:, None]
+        directions = np.where(lengths > 0, legs / np.where(lengths > 0, lengths, 1.0), facing)
+        views.append(Image(1.0, 1.0).along_legs(here, here + step * legs, side, 0.0, directions))
+    return shapely.union(*views)
 
 
 def _portals(clipped: Clipped, lattice: LineLattice) -> Portals:

@@ -16,7 +16,9 @@ from shoal.search.flight.vehicle import Vehicle
 Floats = NDArray[np.float64]
 # distance between unit vectors whose directions differ by one degree
 STRAIGHT = 2.0 * sin(radians(0.5))
-CORNER = 2.0 * sin(radians(22.5))  # the same for 45 degrees: at a sharper bend, a vehicle stops
+# The same for 45 degrees: at a sharper bend, a vehicle stops. Between squares in rows, bends of just
+# 45 degrees are common: whether a vehicle stops there must not depend on the rounding in files.
+CORNER = 2.0 * sin(radians(22.55))
 _SLOWEST = 1e-9  # of the square of a speed: rounding errors must not stop a vehicle in a curve
 STILL = 0.005  # metres: a shorter leg is due to the rounding of coordinates, and no motion
 RETURN_HEIGHT = 60.0

@@ -79,7 +79,13 @@ from shoal.search.planning.orientation import (
 from shoal.search.problem import TOUR, TURN_PRICES, SearchProblem
 from shoal.search.problem.prior import Prior
 from shoal.search.problem.target import Ground, Looks, MovingGround, looks_from
-from shoal.search.regions.coverage import TURNING, Image, check_footprints, coverage_check
+from shoal.search.regions.coverage import (
+    TURNING,
+    UNSEEN,
+    Image,
+    check_footprints,
+    coverage_check,
+)
 from shoal.search.regions.margin import grow, with_margin, without_margin
 from shoal.search.regions.places import places_of, read_points
 from shoal.search.regions.region import TOUCH, SearchRegion
@@ -157,7 +163,6 @@ _TEAM = 2.5  # price of the turns of all vehicles on average, relative to the pr
 _PLANNED = 3  # number of tours that are planned in full, for each price of a turn, of any name
 _LOOSE = 1e-3  # share of a route's time by which flights may be faster: they merge and cut corners
 _NARROWED = 6  # number of compared widths of the rows of a camera
-_UNSEEN = 1e-5  # share of a region that images may miss
 _LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
 _ROUNDED = 1e-9  # cells: rounding error of a number of cells
 _MUCH_SLOWER = 1.2  # times as long as straight rows: along a line
@@ -202,6 +207,9 @@ class SearchPlan:
         Whether the problem names a vehicle. If so, times are those of the vehicles' flights, from
         the start of the search until the last vehicle is back on the ground, and otherwise the
         times of the search alone.
+    ending : "return", "land" or "loiter", optional
+        Ending of all flights, if missions determine it. By default, that of missions with the
+        default options; see `flight_ending`.
     schedule : tuple of tuple of (float, float), optional
         For each robot, the start time and the duration of each sortie in seconds, if missions with
         altitude layers and staggered starts determine them. By default, each robot starts after its
@@ -243,6 +251,7 @@ class SearchPlan:
     compared: tuple[Candidate, ...] = ()
     stay_inside: bool = False
     flies: bool = False
+    ending: str | None = None
     schedule: tuple[SortieTimes, ...] | None = None
     image: Image | None = None
     reach: float = 0.0
@@ -338,12 +347,34 @@ class SearchPlan:
         )
         return next((duration for duration in durations if not isinstance(duration, tuple)), None)
 
+    @cached_property
+    def flight_ending(self) -> str:
+        """How all flights end. By default, as missions with the default options: multirotors land,
+        rovers return, and fixed wings loiter, or land if they have landing points or if one of them
+        flies several sorties.
+        """
+        if self.ending is not None:
+            return self.ending
+        if self.landing is not None or self.vehicle.kind == "multirotor":
+            return "land"
+        if not self.vehicle.radius:
+            return "return"
+        loitering = replace(self, ending="loiter")
+        durations = [
+            loitering._durations(robot, stops)
+            for robot in range(len(self.places))
+            if len(stops := self.stops(robot))
+        ]
+        several = any(isinstance(own, tuple) and len(own) > 1 for own in durations)
+        return "land" if several else "loiter"
+
     def _durations(
         self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]] = ()
     ) -> Durations:
         """Return the `Durations` of a robot's flights."""
         landing = None if self.landing is None else self.landing[robot].tobytes()
-        own = (self.rates[robot], self.footprints[robot], self.places[robot].tobytes(), landing)
+        place = self.places[robot].tobytes()
+        own = (self.rates[robot], self.footprints[robot], place, landing, self.flight_ending)
         key = (robot, self.vehicle, own, np.asarray(stops).tobytes(), tuple(map(tuple, detours)))
         if key not in self.flown:
             try:
@@ -385,13 +416,13 @@ class SearchPlan:
         """Return the flights of a robot, as its missions contain them: out, along the stops, and
         home, with turns and climbs.
         """
-        vehicle = self.vehicle
         out, route = self.flown_route(robot, stops, detours)
-        ending = "land" if self.landing is not None else "loiter" if vehicle.radius else "return"
+        ending = self.flight_ending
+        landing = self.places if ending == "land" and self.landing is None else self.landing
         flight = Flight(
-            vehicle,
+            self.vehicle,
             self.places[robot],
-            landing=None if self.landing is None else self.landing[robot],
+            landing=None if landing is None else landing[robot],
             ending=ending,
             airspace=self.airspace,
             rate=float(self.rates[robot]),
@@ -1332,7 +1363,7 @@ def _is_seen(plan: SearchPlan, grid: CellGrid) -> bool:
         coverage_check(
             grid.region, searched, sides, angle=grid.angle, image=plan.image
         ).covered_fraction
-        > 1 - _UNSEEN
+        >= 1 - UNSEEN
     )
 
 

@@ -47,7 +47,7 @@ from shoal.search.problem.prior import (
     parse_drift,
 )
 from shoal.search.regions.builder import INNER, open_region
-from shoal.search.regions.coverage import Image
+from shoal.search.regions.coverage import UNSEEN, UNSEEN_BY_IMAGES, Image
 from shoal.search.regions.formats.reading import HIDDEN
 from shoal.search.regions.margin import sag_of, with_default_margin, with_margin, without_margin
 from shoal.search.regions.outline import check_spikes
@@ -855,6 +855,12 @@ class SearchProblem(Problem):
         if image is not None and vehicle.row_spacing:
             image = image.scaled(vehicle.row_spacing / float(np.min(self.chosen_footprint)))
         return Image(1.0, 1.0) if image is None and self.along is not None else image
+
+    @property
+    def most_unseen(self) -> float:
+        """Share of the region that a complete search may leave unseen."""
+        camera = self.footprint is None and self.chosen_vehicle.image_size is not None
+        return UNSEEN_BY_IMAGES if camera else UNSEEN
 
     @property
     def view(self) -> float | tuple[float, ...]:

@@ -17,6 +17,12 @@ from shoal.search.regions.boxes import clip_to_boxes, uncovered
 from shoal.search.regions.outline import Points, check_plane_points
 from shoal.search.regions.region import TOUCH, SearchRegion
 
+UNSEEN = 1e-5
+"""Share of a region that a complete search may leave unseen."""
+
+UNSEEN_BY_IMAGES = 1e-3
+"""The same for a camera, whose images lie slanted at bends: as in the check of missions."""
+
 _FEW = 128  # maximum number of rectangles near a block; a block with more of them is divided
 TURNING = "turning"
 """In place of the angle of footprints: they turn with their vehicles."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from itertools import groupby
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import read_linestring, read_text
+from shoal.core.checks import is_wkt, read_linestring, read_text, shortened
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.flight_logs import GAP, LOGS, interruptions, search_lines
 from shoal.search.regions.formats.geodata import read_positions
@@ -60,6 +61,7 @@ def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what
         coordinates = np.array([pair.split(",") for pair in value.split(";")], dtype=np.float64)
         points, line = _in_metres(coordinates, region, what, degrees=None), False
     else:
+        _refuse_text(value, what, points=True)
         points, line = _read(Path(value), region, what)
     if line:
         import shapely
@@ -128,7 +130,7 @@ def read_line(value: str | ArrayLike, region: SearchRegion, *, what: str) -> Poi
     """
     if not isinstance(value, str):
         points = check_plane_points(value, what=what)
-    elif value.lstrip().upper().startswith("LINESTRING"):
+    elif is_wkt(value):
         points = _in_metres(_wkt_line(value, what), region, what, degrees=None)
     else:
         path = Path(value)
@@ -229,6 +231,7 @@ def _track_lines(
     path: Path, region: SearchRegion, *, flies: bool, altitude: float | None
 ) -> list[Points]:
     """Return the uninterrupted parts of a track in a file, in metres."""
+    _refuse_text(str(path), "searched")
     kind = path.suffix.lower()
     if kind == ".gpx":
         segments = read_gpx_tracks(path)
@@ -300,6 +303,7 @@ def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
     """Return the points in a file, converted to metres, and whether the points are the vertices of
     a line.
     """
+    _refuse_text(str(path), what)
     if path.suffix.lower() in (".geojson", ".json"):
         positions, line, geographic = read_positions(path, what=f"file of {_content(what)}")
         return _in_metres(positions, region, path, degrees=geographic), line
@@ -309,6 +313,25 @@ def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
         vertices = _by_robot(vertices, path)
     points = np.array([vertex[:2] for vertex in vertices]).reshape(-1, 2)
     return _in_metres(points, region, path, degrees=degrees), False
+
+
+def _refuse_text(value: str, what: str, *, points: bool = False) -> None:
+    """Refuse a well-known text in place of a file or, with ``points``, of points. Of points, also
+    say which one is wrong.
+    """
+    if os.path.exists(value):
+        return
+    if is_wkt(value):
+        raise InvalidInputError(
+            f"{what}: expected a file of {_content(what)}"
+            f"{', or points such as 0,-5;10,-5' if points else ''}, got {shortened(value)}"
+        )
+    if points and set(value) <= set("0123456789+-.eE,; \t"):
+        for number, point in enumerate(value.split(";"), start=1):
+            if not _COORDINATES.fullmatch(point):
+                raise InvalidInputError(
+                    f"{what}, point {number}: expected two numbers, x,y, got {shortened(point)}"
+                )
 
 
 def _by_robot(vertices: list[Vertex], path: Path) -> list[Vertex]:

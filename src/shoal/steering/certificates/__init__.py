@@ -18,7 +18,7 @@ from shoal.core.episode import Verification
 from shoal.core.errors import InvalidInputError, ShoalError, import_extra
 from shoal.core.version import count_processors
 from shoal.steering.certificates.geodesics import geodesic_bound
-from shoal.steering.certificates.verdict import check_certificate
+from shoal.steering.certificates.verdict import KIND, check_certificate
 from shoal.steering.episode import SteeringEpisode
 from shoal.steering.problem import SteeringProblem
 from shoal.steering.workspaces.convex import Points
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from shoal.steering.certificates.search import PatternTree
     from shoal.steering.planners.task import SteeringTask
 
-KIND = "steering certificate"
 CERTIFIED = 1e-3
 """Largest gap of a certified plan."""
 FOR_MOVES = 0.1

@@ -344,7 +344,7 @@ class _Task:
         if isinstance(item, _Hold):
             return [[*before, half, *after] for half in _halves(item, node)]
         excluded = [_arc(numbers) for numbers in node["known"]]
-        backwards = node["side"] == "last"
+        backwards = is_last(node["side"])
         beside = after[:1] if backwards else before[-1:]
         neighbour = beside[0] if beside and isinstance(beside[0], _Hold) else None
         holds = []
@@ -994,6 +994,13 @@ def _values(task: _Task, proof: Any) -> Iterator[Fraction]:
         return
     for pattern, leaf in _leaves(task, proof):
         yield task.value(pattern, leaf)
+
+
+def is_last(side: Any) -> bool:
+    """Return whether a side is "last", and refuse what is none of both sides."""
+    if side not in ("first", "last"):
+        raise _WrongError(f"no side is {str(side)[:40]!r}")
+    return bool(side == "last")
 
 
 def _multiple(number: float) -> int:

@@ -17,6 +17,7 @@ from shoal.steering.certificates.check import (
     _root,
     _WrongError,
     check_unit,
+    is_last,
 )
 
 # An item of a pattern is a hold (place, particle, cells), or a gap: a list of its holds, or None.
@@ -384,7 +385,7 @@ class _RouteTask:
         excluded = [(wall, particle) for wall, particle in node["known"]]
         if not set(excluded) <= self.allowed:
             raise _WrongError("a gap has an unknown hold")
-        backwards = node["side"] == "last"
+        backwards = is_last(node["side"])
         removed: list[Hold] = list(excluded)
         beside = after[:1] if backwards else before[-1:]
         if not excluded and self.cells.radius and beside and isinstance(beside[0], tuple):

@@ -12,16 +12,25 @@ from shoal.steering.certificates.check import _Task, _values, _WrongError
 from shoal.steering.certificates.check_moves import proven_moves
 from shoal.steering.certificates.check_routes import route_values
 
+KIND = "steering certificate"
 _SIZES = ("lower_bound", "unit", "limit", "tolerance", "radius", "height")
 _PLACES = ("center", "corners", "rings", "start", "goal", "directions")
 _ROUND = {"center", "radius", "directions"}
 _SOLID = {"height", "open_ends"}
 _WORKSPACES = ({"corners"}, {"corners", *_SOLID}, _ROUND, {*_ROUND, *_SOLID}, {"rings"})
 """Fields of the workspaces. With those of two, a proof for one could be taken for the other's."""
-_KNOWN = {
+_FIELDS = {
     *("kind", "start", "goal", "tolerance", "interchangeable", "limit", "unit", "lower_bound"),
-    *("trees", "moves", "runs", "cells", "hull"),
-}.union(*_WORKSPACES)
+    "trees",
+}
+_FIELDS_OF_PROOFS = {
+    *("order", "proof", "proofs", "lower_bound"),
+    *("place", "name", "wall", "known", "side", "choices"),  # cases of patterns
+    *("norms", "slacks", "cones", "legs", "rounds"),  # multipliers
+    *("covers", "ways", "cell", "nodes", "closed", "node", "door", "ends", "contact"),
+    *("move", "particle"),
+    *("potential", "cases", "squares", "zero", "holds", "limit", "parts", "direction"),
+}
 _MOST_NUMBERS = 100_000  # of the problem that a certificate states
 
 
@@ -44,10 +53,18 @@ def check_certificate(certificate: Mapping[str, Any]) -> Verification:
         stated = set[str]().union(*_WORKSPACES) & set(certificate)
         if stated not in _WORKSPACES:
             raise _WrongError(f"expected the fields of one workspace, got {sorted(stated)}")
-        if unknown := set(certificate) - _KNOWN:
-            raise _WrongError(f"expected no field {min(unknown, key=str)!r}")
-        bound = Fraction(certificate["lower_bound"])
-        if bound > Fraction(certificate["limit"]):
+        _check_fields(certificate, _FIELDS | stated | _fields_of(stated))
+        _check_proof_fields([certificate["trees"], certificate.get("moves", [])])
+        if certificate["kind"] != KIND:
+            raise _WrongError(f"expected the kind {KIND!r}, got {str(certificate['kind'])[:40]!r}")
+        dimensions = 3 if "height" in certificate else 2
+        for name in ("start", "goal"):
+            if [len(place) for place in certificate[name]] != [dimensions] * 2:
+                raise _WrongError(f"{name}: expected two places of {dimensions} coordinates")
+        if len(certificate.get("center", [0, 0])) != 2:
+            raise _WrongError("center: expected two coordinates")
+        bound, limit = Fraction(certificate["lower_bound"]), Fraction(certificate["limit"])
+        if bound > limit:
             raise _WrongError("the bound is above the limit")
         by_routes = "rings" in certificate or "height" in certificate
         orders = [tree["order"] for tree in certificate["trees"]]
@@ -74,10 +91,38 @@ def check_certificate(certificate: Mapping[str, Any]) -> Verification:
         return Verification(False, f"the certificate is incomplete: it has no {error.args[0]!r}")
     except (TypeError, ValueError, IndexError, AttributeError, ArithmeticError) as error:
         return Verification(False, f"the certificate is wrong: a field is no such value: {error}")
-    message = f"{count} cases prove that no plan is shorter than {float(bound):.9g}"
+    message = (
+        f"{count} cases, of all plans up to the limit {float(limit):.9g}, prove that no plan is"
+        f" shorter than {float(bound):.9g}"
+    )
     if least_moves:
         message += f", and none has fewer than {least_moves} moves"
     return Verification(True, message)
+
+
+def _fields_of(workspace: set[str]) -> set[str]:
+    """Return the fields of certificates of a workspace beside those of the workspace."""
+    if "rings" in workspace:
+        return {"cells", "hull"}
+    if "height" in workspace:
+        return set()
+    return {"runs", "moves"} if "corners" in workspace else {"runs"}
+
+
+def _check_proof_fields(proofs: Any) -> None:
+    """Refuse a field that no proof has: it would have no effect on the bound."""
+    stack = [proofs]
+    while stack:
+        item = stack.pop()
+        if isinstance(item, Mapping):
+            _check_fields(item, _FIELDS_OF_PROOFS)
+            item = list(item.values())
+        stack += [part for part in item if isinstance(part, Mapping | list | tuple)]
+
+
+def _check_fields(item: Mapping[str, Any], known: set[str]) -> None:
+    if unknown := set(item) - known:
+        raise _WrongError(f"expected no field {min(unknown, key=str)!r}")
 
 
 def _check_numbers(value: Any, *, deepest: int) -> int:

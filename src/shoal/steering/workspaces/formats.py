@@ -64,7 +64,7 @@ def rings_of_path(text: str, *, where: str) -> list[Points]:
     except InvalidInputError:
         raise
     except Exception as error:  # a third-party parser that may raise any exception
-        raise _refusal(error, "path", where) from None
+        raise _refusal(error, "path", where, text) from None
     return _check_rings(rings, where)
 
 
@@ -84,6 +84,10 @@ def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
         raise InvalidInputError(f"{where}: expected an SVG drawing without entities, got an entity")
     try:
         root = Tree.fromstring(text)
+        if (name := root.tag.rpartition("}")[2]) != "svg":
+            raise InvalidInputError(
+                f"{where}: expected an SVG drawing, got XML with the outermost element {name[:40]}"
+            )
         _check_elements(root, where)
         for name in _FRAME:
             root.attrib.pop(name, None)
@@ -107,7 +111,7 @@ def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
     except InvalidInputError:
         raise
     except Exception as error:  # as above
-        raise _refusal(error, "drawing", where) from None
+        raise _refusal(error, "drawing", where, text) from None
     return sorted(_check_rings(rings, where), key=lambda ring: -abs(signed_area(ring)))
 
 
@@ -170,9 +174,11 @@ def _check_numbers(text: str, where: str) -> None:
         )
 
 
-def _refusal(error: Exception, what: str, where: str) -> InvalidInputError:
-    why = " ".join(str(error).split())[:120] or type(error).__name__
-    return InvalidInputError(f"{where}: expected an SVG {what}, got something else: {why}")
+def _refusal(error: Exception, what: str, where: str, text: str) -> InvalidInputError:
+    # of the parsers, only that of XML says what is wrong, and where
+    is_xml = isinstance(error, Tree.ParseError)
+    actual = f"something else: {error}" if is_xml else shortened(text.strip()[:60])
+    return InvalidInputError(f"{where}: expected an SVG {what}, got {actual}")
 
 
 def _rings(shapes: list[Any], where: str) -> list[Points]:
@@ -288,11 +294,14 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
     if isinstance(source, dict):
         return workspace_of(source, where="workspace")
     as_path(source, what="workspace")
-    text = os.fspath(source)
+    return _open_named(os.fspath(source), of_problem=True)
+
+
+def _open_named(text: str, *, of_problem: bool) -> Workspace:
     if re.match(r"\s*(multi)?polygon\b", text, flags=re.IGNORECASE):
         return _from_geometry(read_polygon(text, where="workspace"), where="workspace")
     if Path(text).suffix.lower() in SUFFIXES or os.path.exists(text):
-        return _read_workspace(Path(text))
+        return _read_workspace(Path(text), of_problem=of_problem)
     return _named(text)
 
 
@@ -393,8 +402,8 @@ def _named(text: str) -> Workspace:
     )
 
 
-def _read_workspace(source: Path) -> Workspace:
-    """Return the workspace that a workspace file or a problem file contains."""
+def _read_workspace(source: Path, *, of_problem: bool) -> Workspace:
+    """Return the workspace that a workspace file or, with ``of_problem``, a problem file contains."""
     suffix, where = source.suffix.lower(), str(source)
     if suffix not in SUFFIXES:
         raise InvalidInputError(
@@ -407,8 +416,11 @@ def _read_workspace(source: Path) -> Workspace:
     if suffix == ".svg":
         return _from_svg(text, where=where)
     data = parse_json(text, where=where)
-    if isinstance(data, dict) and "workspace" in data:
+    if of_problem and isinstance(data, dict) and "workspace" in data:
         data = data["workspace"]
+        if isinstance(data, str):
+            with errors_at(f"{where}: workspace"):
+                return _open_named(data, of_problem=False)
     return workspace_of(data, where=where)
 
 

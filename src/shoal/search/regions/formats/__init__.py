@@ -35,7 +35,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from shoal.core.checks import check_file
+from shoal.core.checks import check_file, is_wkt
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.geodata import (
     read_geojson,
@@ -96,9 +96,8 @@ def read_outlines(
     suffix = source.suffix.lower()
     if suffix not in _READERS and suffix not in _LAYERED and not source.is_dir():
         suffixes = " ".join((*_READERS, *_LAYERED))
-        raise InvalidInputError(
-            f"{source}: expected a region file ({suffixes}), got the suffix {source.suffix!r}"
-        )
+        actual = "well-known text" if is_wkt(str(source)) else f"the suffix {source.suffix!r}"
+        raise InvalidInputError(f"{source}: expected a region file ({suffixes}), got {actual}")
     try:
         check_file(source, what="region file", most=LARGEST_DATABASE)
         if suffix in _LAYERED:

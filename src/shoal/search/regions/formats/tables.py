@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from shoal.core.checks import read_text
+from shoal.core.checks import count_text, read_text, shortened
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.reading import (
     Reading,
@@ -135,8 +135,10 @@ def read_vertices(
             labels = words[label].lower() if label < wide else ""
             continue
         if len(words) not in (2, 3) if wide is None else len(words) != wide:
+            expected = columns if wide is None else f"{wide} columns, as the heading has"
             raise InvalidInputError(
-                f"{path}: line {number}: expected {columns}, got {len(words)} columns"
+                f"{path}: line {number}: expected {expected}, got"
+                f" {shortened(line.strip())} ({count_text(len(words), 'column')})"
             )
         try:
             x, y = (float(words[column]) for column in order)
