@@ -59,7 +59,8 @@ RULES: dict[str, Rule] = {
     "zero-waypoints": Rule("error", "the mission has no waypoint", fatal=True),
     "not-a-number": Rule(
         "error",
-        "a coordinate, an altitude, the height of home or a speed is NaN, infinite or null",
+        "a coordinate, an altitude, the height of home or a speed is NaN, infinite or null, or any"
+        " number in a JSON file is NaN or infinite",
         fatal=True,
     ),
     "out-of-range": Rule(
@@ -381,6 +382,7 @@ class Sheet:
     decimals: int | None = None
     n_items: int | None = None
     footprint_angle: float | str | None = None
+    not_json: list[str] = field(default_factory=list)  # NaN and infinities of a JSON file
     diagnostics: list[Diagnostic] = field(default_factory=list)
 
     def add(self, rule: str, place: str, sentence: str) -> None:

@@ -78,6 +78,17 @@ def _check_numbers(sheet: Sheet) -> None:
         )
     if sheet.speed is not None and not math.isfinite(sheet.speed):
         sheet.add("not-a-number", "", f"expected a finite speed, got {sheet.speed}")
+    for number, rally in enumerate(sheet.rally, start=1):
+        if not all(map(math.isfinite, rally)):
+            sheet.add(
+                "not-a-number",
+                f"rally point {number}",
+                f"expected finite coordinates, got {text_of(rally)}",
+            )
+    if sheet.not_json and not sheet.diagnostics:
+        sheet.add(
+            "not-a-number", "", f"expected finite numbers, as JSON has, got {sheet.not_json[0]}"
+        )
 
 
 def check_elsewhere(sheet: Sheet, point: Any, reference: Any, name: str, place: str) -> None:

@@ -708,7 +708,7 @@ PLANTS = [
     # in the no-go zone, below home, at no height, at a pole
     *(
         (
-            "rally",
+            "not-a-number" if np.isnan(point).any() else "rally",
             ".plan",
             instead(
                 plan(lambda data, point=point: data["rallyPoints"].update(points=[point])),

@@ -566,12 +566,17 @@ def load_json(text: str, sheet: Sheet) -> Any:
     """Parse the JSON text of a mission file. Numbers with decimals become `Number`. An invalid text
     makes the sheet unreadable.
     """
+
+    def constant(name: str) -> float:  # Python reads NaN and infinities, which JSON does not have
+        sheet.not_json.append(name)
+        return float(name)
+
     if (values := text.count(",")) > _MOST_VALUES:  # each `Number` needs about 150 bytes
         sheet.add("unreadable", "", f"expected at most {_MOST_VALUES} values, got {values}")
         return None
     try:
         check_json_memory(text, where="")
-        return json.loads(text, parse_float=Number, parse_constant=_refuse_constant)
+        return json.loads(text, parse_float=Number, parse_constant=constant)
     except InvalidInputError as error:
         sheet.add("unreadable", "", str(error).removeprefix(": "))
     except json.JSONDecodeError as error:
@@ -587,11 +592,6 @@ def load_json(text: str, sheet: Sheet) -> Any:
             "expected JSON, got values nested too deeply or a number of too many digits",
         )
     return None
-
-
-def _refuse_constant(name: str) -> None:
-    """Refuse NaN and infinities, which Python reads in JSON, but JSON does not have."""
-    raise InvalidInputError(f": expected JSON, got {name}, which JSON does not have")
 
 
 def dump_json(value: Any) -> str:
