@@ -300,9 +300,9 @@ def test_vehicles_that_are_recharged_land_and_circles_beyond_the_battery_are_sai
     problem = SearchProblem(
         "rectangle:600x400", robots=2, vehicle="fixed-wing,endurance=8,recharge=5", **fields
     )
-    with pytest.raises(InvalidInputError, match=r"sorties that land, .* \(robot 1 flies 2\)"):
-        plan_missions(plan_search(problem), separation=Separation(), ending="loiter")
     plan = plan_search(problem)
+    with pytest.raises(InvalidInputError, match=r"sorties that land, .* \(robot 1 flies 2\)"):
+        plan_missions(plan, separation=Separation(), ending="loiter")
     sorties = plan_missions(plan, separation=Separation())
     assert {mission.loiter for mission in sorties} == {None}
     for before, after in pairwise(sorties):
