@@ -105,23 +105,22 @@ def judge(folder, most):
         assert 1 <= sum(kept for _, kept in polygons) <= 1, path
         assert sum(len(ring) for ring, _ in polygons) <= most, path
         points = metres(way, way[0])
-        legs = list(shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1)))
-        legs += [
-            shapely.Point(metres([place], way[0])[0]).buffer(radius).exterior
-            for place, radius in circles
+        legs = [
+            *shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1)),
+            *(
+                shapely.Point(metres([place], way[0])[0]).buffer(radius).exterior
+                for place, radius in circles
+            ),
         ]
         for ring, kept in polygons:
             area = shapely.Polygon(metres(ring, way[0]))
-            for leg in legs:
-                if kept:
-                    assert area.buffer(TIGHT).covers(leg), (path, "outside")
-                    nearest = min(nearest, leg.distance(area.exterior))
-                else:
-                    assert not leg.intersects(area.buffer(-TIGHT)), (
-                        path,
-                        leg.intersection(area).length,
-                    )
-                    nearest = min(nearest, leg.distance(area))
+            if kept:
+                assert shapely.covers(area.buffer(TIGHT), legs).all(), (path, "outside")
+            else:
+                crossed = shapely.intersection(area.buffer(-TIGHT), legs)
+                assert shapely.is_empty(crossed).all(), (path, shapely.length(crossed).max())
+            border = area.exterior if kept else area
+            nearest = min(nearest, float(shapely.distance(border, legs).min()))
     return nearest
 
 
