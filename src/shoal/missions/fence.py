@@ -253,16 +253,17 @@ class _Ring:
     def _is_possible(self, corner: int, meeting: Points | None, triangle: Points) -> bool:
         import shapely
 
-        added = shapely.Polygon(triangle)
-        if added.area > 0 and _near(added.buffer(-_HAIR), self.clear):
-            return False
+        if self.clear is not None:
+            added = shapely.Polygon(triangle)
+            if added.area > 0 and _near(added.buffer(-_HAIR), self.clear):
+                return False
         reduced = shapely.Polygon(self._without_corner(corner, meeting))
         return bool(
             reduced.is_valid
             and reduced.area > 0
             and reduced.buffer(_HAIR).covers(self.shape)
             # a path along a side that the triangle covers would lie inside
-            and not _near(reduced.buffer(-_HAIR), self.clear)
+            and (self.clear is None or not _near(reduced.buffer(-_HAIR), self.clear))
         )
 
 
