@@ -81,14 +81,15 @@ chromium:
 	  $(APT) update -qq && $(APT) install -y -qq chromium-headless-shell libatomic1 >/dev/null; }
 
 # Files in their order, so that small ones come last. Tests that wait most of the time, for a browser, a rig, a radio or another process,
-# run beside all others, in a process of their own. Three workers beside them were slower than two, measured on two cores.
+# run beside all others, in a process of their own, before which the others stand back (nice): what it waits for answers at once, and the
+# others compute meanwhile. Three workers beside them were slower than two, measured on two cores.
 WAITING := tests/unit/robots tests/unit/search/test_live.py tests/unit/swarm/test_cameras.py tests/unit/swarm/test_coils.py \
   tests/unit/swarm/test_resume.py tests/unit/swarm/test_rigs.py tests/unit/test_strange_stores.py tests/unit/test_sweep.py tests/browser
 WAITING_LOG := $(VENV)/waiting-tests.txt
 test: $(VENV)/.dev-installed
 	@$(MAKE) --no-print-directory -j 2 $(VENV)/.kernels-compiled chromium
 	@$(BIN)/python -m pytest --durations=8 $(WAITING) >$(WAITING_LOG) 2>&1 & waiting=$$!; code=0; \
-	  $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=15 $(WAITING:%=--ignore=%) || code=$$?; \
+	  nice $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=15 $(WAITING:%=--ignore=%) || code=$$?; \
 	  wait $$waiting || code=$$?; cat $(WAITING_LOG); exit $$code
 
 # Playwright speaks with Debian's Firefox by its standard protocol. Versions of Playwright after this one ask for more than it knows.
