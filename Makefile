@@ -64,15 +64,16 @@ demo: $(VENV)/.run-installed
 
 # Kernels and the tests' byte code are compiled once, before several test processes would do it at the same time.
 $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
-	@{ $(BIN)/python -m pytest --collect-only -q && $(BIN)/python -m benchmarks.first_calls steering jit; } >/dev/null & rest=$$!; \
-	  $(BIN)/python -m benchmarks.first_calls swarm search lab views && wait $$rest
+	@$(BIN)/python -m pytest --collect-only -q >/dev/null & collected=$$!; \
+	  $(BIN)/python -m benchmarks.first_calls steering jit >/dev/null & rest=$$!; \
+	  $(BIN)/python -m benchmarks.first_calls swarm search lab views && wait $$rest && wait $$collected
 	@touch $@
 
 # What is committed of the kernels beside their sources, so that a first command has little to compile. Makes what is missing.
 kernels: $(VENV)/.dev-installed
 	@$(BIN)/python -m benchmarks.first_calls --archives
 
-# The browser tests need Debian's Chromium, and the program that drives it a small library.
+# The browser tests need Debian's Chromium, and the program that drives it a small library; it is fetched while kernels are compiled.
 .PHONY: chromium
 chromium:
 	@{ command -v chromium-headless-shell || command -v chromium; } >/dev/null && /sbin/ldconfig -p | grep -q libatomic.so.1 \
@@ -80,13 +81,15 @@ chromium:
 	  $(APT) update -qq && $(APT) install -y -qq chromium-headless-shell libatomic1 >/dev/null; }
 
 # Files in their order, so that small ones come last. Tests that wait most of the time, for a browser, a rig, a radio or another process,
-# run beside all others, in a process of their own. Three workers beside them were slower than two, measured on two cores.
+# run beside all others, in a process of their own, before which the others stand back (nice): what it waits for answers at once, and the
+# others compute meanwhile. Three workers beside them were slower than two, measured on two cores.
 WAITING := tests/unit/robots tests/unit/search/test_live.py tests/unit/swarm/test_cameras.py tests/unit/swarm/test_coils.py \
   tests/unit/swarm/test_resume.py tests/unit/swarm/test_rigs.py tests/unit/test_strange_stores.py tests/unit/test_sweep.py tests/browser
 WAITING_LOG := $(VENV)/waiting-tests.txt
-test: $(VENV)/.dev-installed $(VENV)/.kernels-compiled chromium
+test: $(VENV)/.dev-installed
+	@$(MAKE) --no-print-directory -j 2 $(VENV)/.kernels-compiled chromium
 	@$(BIN)/python -m pytest --durations=8 $(WAITING) >$(WAITING_LOG) 2>&1 & waiting=$$!; code=0; \
-	  $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=15 $(WAITING:%=--ignore=%) || code=$$?; \
+	  nice $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=15 $(WAITING:%=--ignore=%) || code=$$?; \
 	  wait $$waiting || code=$$?; cat $(WAITING_LOG); exit $$code
 
 # Playwright speaks with Debian's Firefox by its standard protocol. Versions of Playwright after this one ask for more than it knows.

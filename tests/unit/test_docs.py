@@ -38,7 +38,7 @@ from shoal.missions import FORMATS
 from shoal.search.allocation.allocate import ALLOCATORS
 from shoal.search.tours import TOURS
 from shoal.steering import PLANNERS
-from shoal.steering.planners import pressing
+from shoal.steering.planners import annealing, pressing, sampling
 from shoal.swarm import POLICIES, GridWorkspace, GridWorld
 from shoal.views.drawing import stage
 from shoal.views.drawing.encoding import LONGEST
@@ -104,7 +104,7 @@ def write_files_of(text: str) -> list[str]:
 @pytest.fixture
 def in_short(monkeypatch, tmp_path):
     """Let commands run in a folder of their own, films have few frames, figures few pixels,
-    sweeps no processes, and plans against errors few changes. See also `run_in_short`.
+    sweeps no processes, and plans of particles few changes. See also `run_in_short`.
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(mpl.rcParams, "savefig.dpi", 50)
@@ -115,6 +115,8 @@ def in_short(monkeypatch, tmp_path):
         monkeypatch.setitem(stage.SIZES, name, (size[0] // 2, size[1] // 2))
     monkeypatch.setattr(pressing, "CHANGES", 80)
     monkeypatch.setattr(pressing, "ROUNDS", 6_000)
+    monkeypatch.setattr(sampling, "MORE_TREES", 3)
+    monkeypatch.setattr(annealing, "STAGES", ((4, 500), (2, 2000)))
 
 
 def run_in_short(line):

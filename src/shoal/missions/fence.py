@@ -164,46 +164,41 @@ class _Ring:
         import shapely
 
         self.points, self.shape = points, shapely.Polygon(points)
-        self._removals = sorted(self._all_removals(), key=lambda removal: removal[0])
-        self._settle()
+        removals = self._all_removals()
+        self._next = next((one for one in removals if self._is_possible(*one[1:])), None)
 
     @property
     def least(self) -> float:
         """Area in square metres that the cheapest removal of a corner adds; infinity if no corner
         can be removed.
         """
-        return self._removals[0][0] if self._removals else inf
+        return self._next[0] if self._next else inf
 
     def reduce(self) -> None:
         """Remove a corner."""
-        self._take(self._without_corner(*self._removals[0][1:3]))
-
-    def _settle(self) -> None:
-        """Drop removals until the cheapest one is possible."""
-        while self._removals and not self._is_possible(*self._removals[0][1:]):
-            self._removals.pop(0)
+        assert self._next is not None
+        self._take(self._without_corner(*self._next[1:3]))
 
     def _all_removals(self) -> Iterator[tuple[float, int, Points | None, Points]]:
         """Yield the added area of each removal, its corner, the new corner or None, and the
-        triangle that it adds.
+        triangle that it adds, the smallest area first.
         """
         points = self.points
         count = len(points)
         if count <= 3:
             return
-        if count == 4:  # sides of a parallelogram never meet: a triangle at one of its corners
-            yield from self._triangles()
+        # sides of a parallelogram never meet: a triangle at one of its corners
+        triangles = [*self._triangles()] if count == 4 else []
         before, after, next_after = (np.roll(points, -shift, axis=0) for shift in (-1, 1, 2))
         turns = cross(points - before, after - points)  # above 0 at a corner that points outwards
-        for k in np.flatnonzero(turns <= 0).tolist():
-            yield float(-turns[k]) / 2, k, None, np.array([before[k], points[k], after[k]])
+        inwards = np.flatnonzero(turns <= 0)
         # the neighbours of each side, extended beyond it
         side_before, side_after = points - before, after - next_after
         across = cross(side_before, side_after)
         with np.errstate(divide="ignore", invalid="ignore"):
             extensions = cross(after - points, side_after) / across
             back = cross(after - points, side_before) / across
-        outwards = (
+        outwards = np.flatnonzero(
             (turns > 0)
             & (np.roll(turns, -1) > 0)
             & (extensions > 0)
@@ -211,15 +206,21 @@ class _Ring:
             & np.isfinite(extensions)
             & np.isfinite(back)
         )
-        for k in np.flatnonzero(outwards).tolist():
-            meeting = points[k] + extensions[k] * side_before[k]
-            triangle = np.array([points[k], meeting, after[k]])
-            yield (
-                abs(float(cross(triangle[1] - triangle[0], triangle[2] - triangle[0]))) / 2,
-                k,
-                meeting,
-                triangle,
-            )
+        meetings = points[outwards] + extensions[outwards, None] * side_before[outwards]
+        added = np.abs(cross(meetings - points[outwards], after[outwards] - meetings)) / 2
+        areas = [*(area for area, *_ in triangles), *(-turns[inwards] / 2), *added]
+        first = len(triangles) + len(inwards)
+        for number in np.argsort(areas, kind="stable").tolist():
+            if number < len(triangles):
+                yield triangles[number]
+            elif number < first:
+                k = int(inwards[number - len(triangles)])
+                triangle = np.array([before[k], points[k], after[k]])
+                yield float(areas[number]), k, None, triangle
+            else:
+                k, meeting = int(outwards[number - first]), meetings[number - first]
+                triangle = np.array([points[k], meeting, after[k]])
+                yield float(areas[number]), k, meeting, triangle
 
     def _triangles(self) -> Iterator[tuple[float, int, Points | None, Points]]:
         """Yield the triangles that have two sides of a quadrilateral, and a third side through its
@@ -252,16 +253,17 @@ class _Ring:
     def _is_possible(self, corner: int, meeting: Points | None, triangle: Points) -> bool:
         import shapely
 
-        added = shapely.Polygon(triangle)
-        if added.area > 0 and _near(added.buffer(-_HAIR), self.clear):
-            return False
+        if self.clear is not None:
+            added = shapely.Polygon(triangle)
+            if added.area > 0 and _near(added.buffer(-_HAIR), self.clear):
+                return False
         reduced = shapely.Polygon(self._without_corner(corner, meeting))
         return bool(
             reduced.is_valid
             and reduced.area > 0
             and reduced.buffer(_HAIR).covers(self.shape)
             # a path along a side that the triangle covers would lie inside
-            and not _near(reduced.buffer(-_HAIR), self.clear)
+            and (self.clear is None or not _near(reduced.buffer(-_HAIR), self.clear))
         )
 
 

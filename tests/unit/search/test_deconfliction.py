@@ -123,11 +123,19 @@ def test_conflicts_are_those_of_all_times_of_turns():
     assert met > 20
 
 
+@pytest.fixture(scope="module")
+def six_robots():
+    """Missions of six robots, among which two came within 2.4 m of each other with turns of half
+    the time.
+    """
+    return MissionSet.from_problem(
+        SearchProblem("ring:90x29", robots=6, footprint=10, vehicle="multirotor,endurance=6")
+    )
+
+
 @pytest.mark.parametrize("factor", [0.0, 0.25, 0.5, 0.75, 1.0, 1.25])
-def test_vehicles_keep_apart_whatever_their_turns_take(factor):
-    """Two came within 2.4 m of each other with turns of half the time."""
-    problem = SearchProblem("ring:90x29", robots=6, footprint=10, vehicle="multirotor,endurance=6")
-    missions = MissionSet.from_problem(problem)
+def test_vehicles_keep_apart_whatever_their_turns_take(six_robots, factor):
+    missions = six_robots
     vehicle, required = missions.plan.vehicle, missions.options.required_separation
     turning = vehicle.replaced(turn_time=factor * vehicle.turn_seconds)
     near = missions_approach(missions.missions, required, None, vehicle=turning)

@@ -283,7 +283,8 @@ def test_a_corner_that_only_a_turned_footprint_sees_has_a_viewpoint():
     problem = SearchProblem(
         "ring:100x70", robots=2, footprint=5.528, along="centre", margin=3.01, allocation="loop"
     )
-    grid = plan_search(problem, seed=1).grid
+    # the squares that lie in the footprint whatever its heading, which the plan is made of
+    grid = cells_along(problem.place, problem.chosen_footprint / 2**0.5, problem.line)
     assert shapely.intersects_xy(grid.region.free.buffer(1e-6), *grid.viewpoints.T).all()
     assert (np.diff(grid.viewpoint_starts) > 0).all()
 

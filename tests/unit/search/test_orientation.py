@@ -553,6 +553,7 @@ def test_other_angles_are_tried_before_a_fixed_wing_without_room_is_refused(tmp_
         footprint=20.0,
         vehicle="fixed-wing",
         tour="boustrophedon",
+        allocation="loop",
         transit=True,
         margin=3.0,
     )

@@ -1,6 +1,7 @@
 """Long straight rows: few strips, links with few turns, and what is preferred."""
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -455,16 +456,22 @@ def test_a_flown_path_stays_as_near_as_its_errors():
     )
 
 
+STEPS = [
+    (down, right, math.hypot(down, right))
+    for down, right in itertools.product((-1, 0, 1), repeat=2)
+]
+
+
 def steps_away(mask, cell):
     """Lengths of the shortest paths from a cell, by relaxing all steps until none gets shorter."""
     away = {tuple(at): np.inf for at in np.argwhere(mask).tolist()} | {tuple(cell): 0.0}
     while True:
         before = dict(away)
         for (row, col), far in before.items():
-            for down, right in itertools.product((-1, 0, 1), repeat=2):
+            for down, right, length in STEPS:
                 beside = row + down, col + right
                 if beside in away:
-                    away[beside] = min(away[beside], far + np.hypot(down, right))
+                    away[beside] = min(away[beside], far + length)
         if away == before:
             return away
 
@@ -478,10 +485,11 @@ def test_links_between_strips_are_longer_around_corners(seed):
     cells = np.argwhere(mask)
     ends = cells[rng.integers(0, len(cells), (6, 2))]
     costs = detours_of(mask).between(ends, 0.5)
+    away = [steps_away(mask, end) for end in ends.reshape(-1, 2)]
     for one, other in itertools.product(range(12), repeat=2):
         first, second = ends.reshape(-1, 2)[[one, other]]
         down, right = sorted(np.abs(first - second).tolist())
-        ratio = steps_away(mask, first)[tuple(second)] / max(right + (2**0.5 - 1) * down, 1)
+        ratio = away[one][tuple(second)] / max(right + (2**0.5 - 1) * down, 1)
         longer = np.hypot(down, right) * (ratio - 1)
         assert costs[one, other] == pytest.approx(longer + 0.5 if longer > 0.05 else 0.0)
     assert costs.max() > 1

@@ -129,7 +129,9 @@ def test_wrong_certificates_are_refused(certificate, name):
 
 @pytest.fixture(scope="module")
 def round_certificate():
-    return certify(run(SteeringProblem("disk"), seed=14), seconds=60)
+    found = certify(run(SteeringProblem("disk"), seed=14), seconds=60)
+    assert check_certificate(found.proof)
+    return found
 
 
 @pytest.mark.parametrize(("name", "seed"), [("disk", 14), ("regular:60", 13)])
@@ -173,7 +175,6 @@ ROUND_WRONG = {
 
 @pytest.mark.parametrize("name", ROUND_WRONG)
 def test_wrong_certificates_of_disks_are_refused(round_certificate, name):
-    assert check_certificate(round_certificate.proof)
     proof = copy.deepcopy(round_certificate.proof)
     ROUND_WRONG[name](proof)
     assert not check_certificate(proof)
@@ -184,7 +185,9 @@ def growth_certificate():
     """Return a certificate of two particles that must part."""
     start, goal = [(0.05, 0.1), (0.1, 0.02)], [(-0.45, 0.1), (0.43, 0.0)]
     episode = run(SteeringProblem("disk", start, goal))
-    return certify(episode, seconds=4, clock=process_time, workers=1)
+    found = certify(episode, seconds=4, clock=process_time, workers=1)
+    assert check_certificate(found.proof)
+    return found
 
 
 def test_a_contact_that_slides_is_many_contacts(growth_certificate):
@@ -222,7 +225,6 @@ GROWTH_WRONG = {
 
 @pytest.mark.parametrize("name", GROWTH_WRONG)
 def test_wrong_laws_of_growth_are_refused(growth_certificate, name):
-    assert check_certificate(growth_certificate.proof)
     proof = copy.deepcopy(growth_certificate.proof)
     GROWTH_WRONG[name](proof)
     assert proof != growth_certificate.proof
@@ -319,7 +321,6 @@ def test_a_planted_certificate_is_refused(certificate, disk_certificate, name):
 def test_what_has_no_effect_on_a_bound_is_checked_as_well(place, damage, words, whole_proofs):
     """Potentials are in units of the radius, and know no holds: whatever stood there was taken."""
     proof = copy.deepcopy(whole_proofs[place])
-    assert check_certificate(proof)
     damage(proof)
     assert words in check_certificate(proof).message
 
@@ -354,12 +355,14 @@ def test_the_check_says_up_to_which_limit_a_proof_was_checked(whole_proofs):
 def whole_proofs():
     """Return certificates whose proofs are potentials."""
     ticks = count()
-    return {
+    proofs = {
         place: certify(
             run(SteeringProblem(place), seed=seed), seconds=1, clock=lambda: 0.002 * next(ticks)
         ).proof
         for place, seed in (("disk", 2), ("regular:60", 3))
     }
+    assert all(check_certificate(proof) for proof in proofs.values())
+    return proofs
 
 
 def test_no_random_damage_raises_a_bound(certificate):

@@ -2,7 +2,7 @@
 
 from copy import deepcopy
 from fractions import Fraction
-from time import process_time
+from itertools import count
 
 import numpy as np
 import pytest
@@ -74,15 +74,16 @@ def test_a_potential_falls_by_at_most_the_length_of_each_input(polygon):
 
 @pytest.fixture(scope="module", params=["disk", "regular:60"])
 def certificate(request):
-    seed = {"disk": 570671312, "regular:60": 536368455}[request.param]
+    seed, ticks = {"disk": 570671312, "regular:60": 536368455}[request.param], count()
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(search, "_EASY", 2)  # a potential after two divisions
         # without potentials between contacts
         patch.setattr(search, "_BETTER", 0.0)
         patch.setattr(search, "_STALLED", (9.0, 9.0))
         found = certify(
             run(SteeringProblem(request.param), seed=seed),
-            seconds=3,
-            clock=process_time,
+            seconds=1,
+            clock=lambda: 0.01 * next(ticks),
             workers=1,
         )
     assert isinstance(found.proof["trees"][0]["proof"], dict)

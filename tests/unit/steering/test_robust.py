@@ -8,7 +8,7 @@ from tests.steering import steer
 
 from shoal.core.errors import InvalidInputError
 from shoal.steering import SteeringProblem, disk, polygon, region
-from shoal.steering.planners import robust
+from shoal.steering.planners import annealing, robust, sampling
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
 ROOM = region(
@@ -75,6 +75,8 @@ def test_strong_noise_in_convex_workspaces(room, monkeypatch):
 
 def test_without_noise_it_sends_a_plan_and_says_what_noise_it_stands(monkeypatch):
     monkeypatch.setattr(robust, "STOOD_RUNS", 1)
+    monkeypatch.setattr(sampling, "MORE_TREES", 3)  # a plan, not the shortest
+    monkeypatch.setattr(annealing, "STAGES", ((4, 500), (2, 2000)))
     episode = steer(PROBLEMS[1], planner="robust")
     assert episode.status == "solved"
     assert "execution noise" in episode.reason
