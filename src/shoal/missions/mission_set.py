@@ -287,16 +287,16 @@ class MissionSet:
         for plan in alternatives:
             if price_of_turns(plan, problem) >= best._price_of_turns:
                 continue
-            # a run of the problem with these names makes the same plan
+            # planned by its names, as a run of these missions plans it again
             choices = {"tour": plan.tour.name, "allocation": plan.allocation.allocator}
             named = problem.replaced(
                 **{key: name for key, name in choices.items() if getattr(problem, key) == AUTO}
-            )
+            ).at_place(problem.place)
             try:
                 alternative = self.from_plan(
-                    plan,
+                    plan_at_margin(named, seed=self.seed),
                     self.options,
-                    problem=named.at_place(problem.place),
+                    problem=named,
                     seed=self.seed,
                     terrain=terrain,
                 )
