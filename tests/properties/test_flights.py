@@ -171,7 +171,7 @@ def test_a_fixed_wing_flies_out_of_a_gap_between_zones_before_it_turns(boxes, tm
     way = region.frame.to_metres(np.asarray(missions[0].waypoints))
     assert shapely.distance(region.no_go, shapely.linestrings(way)) > region.margin - 0.02
     assert not narrow_turns(way_of_plan(tmp_path / "m" / "robot-01.plan"), 30.0)
-    assert not told
+    assert not [text for text in told if not text.startswith("footprint: the region is")]
 
 
 def test_plans_without_missions_take_a_narrower_margin_too_and_say_so(tmp_path, told):
