@@ -284,6 +284,7 @@ class MissionSet:
         """
         best, problem = self, self.problem
         assert problem is not None
+        tried = [problem]
         for plan in alternatives:
             if price_of_turns(plan, problem) >= best._price_of_turns:
                 continue
@@ -292,6 +293,9 @@ class MissionSet:
             named = problem.replaced(
                 **{key: name for key, name in choices.items() if getattr(problem, key) == AUTO}
             ).at_place(problem.place)
+            if named in tried:  # they make a plan that is known
+                continue
+            tried.append(named)
             try:
                 alternative = self.from_plan(
                     plan_at_margin(named, seed=self.seed),

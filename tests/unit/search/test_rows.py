@@ -17,6 +17,7 @@ from shoal.search import SearchProblem, coverage_check, make_tour, plan_search, 
 from shoal.search.allocation.allocate import allocate, numbers_of
 from shoal.search.allocation.costs import TourCost
 from shoal.search.cells.bends import with_fewer_bends
+from shoal.search.cells.clipping import rotate_shape
 from shoal.search.flight.deviation import cut_corners, deviate
 from shoal.search.flight.timing import turns_of
 from shoal.search.flight.vehicle import vehicle_of
@@ -228,8 +229,11 @@ def test_a_row_for_some_millimetres_is_told(monkeypatch):
     said = []
     monkeypatch.setattr("shoal.core.notices._told", set())
     notices.listeners.append(said.append)
-    for width in (200.008, 200.0, 207.0):
-        region = region_of(shapely.box(0, 0, 300, width), frame=None)
+    fields = [shapely.box(0, 0, 300, width) for width in (200.008, 200.0, 207.0)]
+    fields += [rotate_shape(fields[1], angle) for angle in range(3, 90, 20)]  # rounded corners
+    fields.append(shapely.box(0, 0, 300.008, 200))  # rows are only longer
+    for field in fields:
+        region = region_of(field, frame=None)
         plan_search(SearchProblem(region, robots=1, footprint=20, vehicle="ideal"))
     notices.listeners.remove(said.append)
     assert said == [

@@ -1250,16 +1250,15 @@ def _tell_if_a_row_is_for_little(plan: SearchPlan, problem: SearchProblem) -> No
     grid = layers_of(plan.grid)[0]
     if not listeners or isinstance(grid.lattice, LineLattice):
         return
-    extents = np.ptp(shapely.get_coordinates(grid.area), axis=0)
-    excess = extents % grid.size
-    few = (excess > 0) & (excess < _LITTLE * grid.size) & (extents > grid.size)
-    if few.any():
-        axis = int(np.argmax(few * excess))
-        rows = int(extents[axis] // grid.size)
-        larger = float(np.min(check_footprints(problem.chosen_footprint, problem.robots)))
-        larger *= 1 + float((extents[few] / (extents[few] - excess[few]) - 1).max()) + 1e-6
+    # the rows of cells run along the x axis of the lattice, and those of a tour perhaps across
+    across = 1 if abs((plan.row_angle - grid.angle + 90) % 180 - 90) < 45 else 0
+    extent = float(np.ptp(shapely.get_coordinates(grid.area)[:, across]))
+    rows, excess = divmod(extent, grid.size)
+    if rows and _ROUNDED < excess / grid.size < _LITTLE:
+        footprint = float(np.min(check_footprints(problem.chosen_footprint, problem.robots)))
+        larger = footprint * (extent / (extent - excess) + 1e-6)
         tell_once(
-            f"footprint: the region is {1000 * excess[axis]:.3g} mm wider than {rows} rows of"
+            f"footprint: the region is {1000 * excess:.3g} mm wider than {rows:.0f} rows of"
             f" {grid.size:g} m, so it needs one more; with {np.ceil(1e4 * larger) / 1e4:.7g} m it"
             " does not"
         )
