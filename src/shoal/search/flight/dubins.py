@@ -95,6 +95,32 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
     return np.where(np.isfinite(parts).all(axis=-1, keepdims=True), parts, np.inf)
 
 
+def least_length(path: Floats, radius: float, *, link: float) -> float:
+    """Return a lower bound on the length in metres of what `plan_dubins_path` makes of a path: its
+    straight legs, and the shortest curves from each of them to the next one. The first and the last
+    leg need not be straight.
+
+    Examples
+    --------
+    >>> out, back = [(-9.0, 0.0), (0.0, 0.0), (400.0, 0.0)], [(400.0, 20.0), (0.0, 20.0), (-9.0, 20.0)]
+    >>> rows = np.array(out + back)
+    >>> least = least_length(rows, 50.0, link=30.0)
+    >>> (flown,) = plan_dubins_path(rows, 50.0, link=30.0)
+    >>> round(least), round(step_lengths(flown).sum())
+    (1161, 1168)
+    """
+    points = path[np.concatenate([[True], step_lengths(path) > NEAR])]
+    legs = step_lengths(points)
+    far = 1 + np.flatnonzero(legs[1:-1] > link)
+    if not len(far):
+        return float(legs.sum())
+    courses = angles_of(np.diff(points, axis=0))[far, None]
+    ends = np.hstack([points[far + 1], courses])[:-1], np.hstack([points[far], courses])[1:]
+    curves = radius * dubins_parts(*ends, radius).sum(axis=-1).min(axis=-1)
+    beside = step_lengths(points[[0, far[0]]]), step_lengths(points[[far[-1] + 1, -1]])
+    return float(legs[far].sum() + curves.sum() + np.sum(beside))
+
+
 def dubins_paths(
     starts: Floats, words: NDArray[np.int64], parts: Floats, radius: float
 ) -> tuple[Floats, NDArray[np.int64]]:

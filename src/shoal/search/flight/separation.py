@@ -22,6 +22,7 @@ LEVEL = 1e-3  # metres: tolerance of the vertical separation
 _HAIR = 1e-9  # relative to a leg's duration
 _HIGHEST = 1e6  # metres: a larger vertical separation counts as infinite
 _FIRST = 64  # number of pairs of legs that are tested first
+_TOGETHER = 16384  # number of pairs of legs that are tested at once, so that memory is enough
 
 
 @dataclass(frozen=True)
@@ -99,15 +100,16 @@ class _Legs:
         begins, points = flown.times[:-1][moving], flown.points[:-1][moving]
         return cls(begins, lasts, points, velocities, reach, paused)
 
+    @classmethod
+    def together(cls, several: Sequence[_Legs]) -> _Legs:
+        return cls(*map(np.concatenate, zip(*(legs.columns for legs in several), strict=True)))
+
+    @property
+    def columns(self) -> tuple[Floats, ...]:
+        return self.begins, self.lasts, self.points, self.velocities, self.reach, self.paused
+
     def __getitem__(self, index: NDArray[np.int64]) -> _Legs:
-        return _Legs(
-            self.begins[index],
-            self.lasts[index],
-            self.points[index],
-            self.velocities[index],
-            self.reach[index],
-            self.paused[index],
-        )
+        return _Legs(*(column[index] for column in self.columns))
 
     def bounds(self) -> tuple[Floats, Floats]:
         ends = self.points + self.velocities * self.lasts[:, None]
@@ -375,6 +377,16 @@ def conflicts(
     >>> conflicts(out, across, horizontal=10.0, vertical=5.0).round(3).tolist()
     [[-1.414, 1.414]]
     """
+    near = _near_legs(first, second, horizontal, vertical)
+    return merge_intervals(_close_starts(*near, horizontal, vertical))
+
+
+def _near_legs(
+    first: Trajectory, second: Trajectory, horizontal: float, vertical: float
+) -> tuple[_Legs, _Legs, Floats]:
+    """Return the pairs of legs of two vehicles that come too close if they are flown at the right
+    times, or nearly, and the least and the greatest factor of the time of turns; shape (n, 2).
+    """
     import shapely
 
     turns = min(first.turns[0], second.turns[0]), max(first.turns[1], second.turns[1])
@@ -385,9 +397,14 @@ def conflicts(
         shapely.box(*low[:, :2].T, *high[:, :2].T)
     )
     near = _gaps(mine, theirs, index_of_first, index_of_second)[:, 2] <= vertical - LEVEL
-    if not near.any():
-        return np.zeros((0, 2))
-    a, b = mine[index_of_first[near]], theirs[index_of_second[near]]
+    pairs = index_of_first[near], index_of_second[near]
+    return mine[pairs[0]], theirs[pairs[1]], np.tile(turns, (len(pairs[0]), 1))
+
+
+def _close_starts(a: _Legs, b: _Legs, turns: Floats, horizontal: float, vertical: float) -> Floats:
+    """Return, for pairs of legs, an interval of start time differences outside of which the two
+    vehicles keep their separation on these legs, whatever their turns take; float64, shape (n, 2).
+    """
     normals, limits = _planes(a, b, min(vertical, _HIGHEST) - LEVEL, None)
     start = a.points[:, :2] - b.points[:, :2]
     begins, near_by = a.begins - b.begins, horizontal + a.reach + b.reach
@@ -400,9 +417,9 @@ def conflicts(
     intervals = np.where(feasible, np.sort(shifts, axis=-1), [np.inf, -np.inf])
     every = np.concatenate([tangents[None], intervals])
     # other times of turns change when legs begin, and not how they are flown
-    moved = np.multiply.outer(np.subtract(turns, 1.0), a.paused - b.paused)
+    moved = (turns.T - 1.0) * (a.paused - b.paused)
     least, most = every[..., 0].min(axis=0) + begins, every[..., 1].max(axis=0) + begins
-    return merge_intervals(np.stack([least + moved.min(axis=0), most + moved.max(axis=0)], axis=1))
+    return np.stack([least + moved.min(axis=0), most + moved.max(axis=0)], axis=1)
 
 
 def _close_interval(
@@ -566,21 +583,27 @@ def _earliest_delay(
     """Return the smallest delay, at least ``delay``, with which a vehicle keeps apart from vehicles
     with fixed delays.
     """
-    barred = [np.zeros((0, 2))]
+    near: list[tuple[_Legs, _Legs, Floats]] = []
+    starts: list[Floats] = []
+    horizontal, vertical = separation.horizontal, separation.vertical
     for theirs, started in others:
         latest = max(max(1.0, part.turns[1]) * part.duration for part in theirs)
         if started + latest + separation.delay < delay:
             continue  # it has landed, however late it is
         for own_flight, other_flight in zip(mine, theirs, strict=True):
-            apart = conflicts(
-                own_flight,
-                other_flight,
-                horizontal=separation.horizontal,
-                vertical=separation.vertical,
-            )
-            # With both uncertainties, the start differs by delay - started, plus or minus the
-            # tolerance.
-            barred.append(started - apart[:, ::-1] + separation.delay * np.array([-1.0, 1.0]))
+            near.append(_near_legs(own_flight, other_flight, horizontal, vertical))
+            starts.append(np.full(len(near[-1][2]), started))
+    if not near:
+        return float(np.ceil(delay))
+    own, other, turns = zip(*near, strict=True)
+    a, b = _Legs.together(own), _Legs.together(other)
+    begun, factors = np.concatenate(starts)[:, None], np.concatenate(turns)
+    barred = [np.zeros((0, 2))]
+    for first in range(0, len(begun), _TOGETHER):
+        some = np.arange(first, min(first + _TOGETHER, len(begun)))
+        apart = _close_starts(a[some], b[some], factors[some], horizontal, vertical)
+        # With both uncertainties, the start differs by delay - begun, plus or minus the tolerance.
+        barred.append(begun[some] - apart[:, ::-1] + separation.delay * np.array([-1.0, 1.0]))
     for low, high in merge_intervals(np.concatenate(barred)).tolist():
         if low - _AFTER < delay < high + _AFTER:
             delay = high + _AFTER

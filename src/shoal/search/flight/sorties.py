@@ -149,57 +149,73 @@ class Sorties:
             return end
         if not self._fits(begin, begin):
             self._refuse(begin)
-        ahead = self.at[self.at > begin]
-        low, step = -1, 1  # the last vertex known to be possible; none yet
-        while low + step < len(ahead) and self._fits(begin, float(ahead[low + step])):
-            low, step = low + step, 2 * step
-        high = min(low + step, len(ahead))
+        marks = np.concatenate([[begin], self.at[self.at > begin]])
+        low, high = 0, len(marks) - 1  # a vertex where it can leave, and one where it cannot
+        if not hope:
+            each = self.flight.vehicle.cruise * self.limit  # metres
+            high = min(max(1, int(np.searchsorted(marks, begin + each))), high)
+            while self._fits(begin, float(marks[high])):  # with the wind, perhaps
+                if high == len(marks) - 1:
+                    return end
+                low, high = high, min(2 * high, len(marks) - 1)
+        vertices = self._bracket(begin, float(marks[low]), float(marks[high]), marks)
+        low, high = np.searchsorted(marks, vertices).tolist()
         while high - low > 1:
             middle = (low + high) // 2
-            low, high = (middle, high) if self._fits(begin, float(ahead[middle])) else (low, middle)
-        until, far = (
-            begin if low < 0 else float(ahead[low]),
-            float(ahead[min(low + 1, len(ahead) - 1)]),
-        )
-        until = self._latest_in_leg(begin, until, far)
-        if until <= begin or (low < 0 and until - begin < _SHORTEST):
+            low, high = (middle, high) if self._fits(begin, float(marks[middle])) else (low, middle)
+        until, far = float(marks[low]), float(marks[high])
+        known = self._bracket(begin, until, far)
+        while far - until > _FINE:
+            half = (until + far) / 2
+            if known[0] < half < known[1]:
+                known = (half, known[1]) if self._fits(begin, half) else (known[0], half)
+            until, far = (half, far) if half <= known[0] else (until, half)
+        if until <= begin or (low == 0 and until - begin < _SHORTEST):
             self._refuse(begin)
         return until
 
-    def _latest_in_leg(self, begin: float, until: float, far: float) -> float:
-        """Return what halving a leg finds between ``until``, where a sortie can leave the path, and
-        ``far``, where it cannot: inside a leg, only the battery is a finer limit than waypoints.
+    def _bracket(
+        self, begin: float, low: float, high: float, places: NDArray[np.float64] | None = None
+    ) -> tuple[float, float]:
+        """Return two distances, or two of the sorted ``places``, that are closer together than
+        ``low``, where a sortie can leave the path, and ``high``, where it cannot.
 
-        False position (with the weights of the Illinois algorithm) tells first how far the battery
-        lasts, so that few halves are flown.
+        They are found by false position with the weights of the Illinois algorithm, because sorties
+        use the battery and the memory almost in proportion to their length.
         """
-        ends, last = [until, far], -1
-        over = [self._battery_seconds(begin, at) - self.limit for at in ends]
-
-        def fits(at: float) -> bool:
-            if ends[0] < at < ends[1]:
-                ends[0 if self._fits(begin, at) else 1] = at
-            return at <= ends[0]
-
+        ends, last = [low, high], -1
+        over = [self._share(begin, at) - 1.0 for at in ends]
         for _ in range(_GUESSES):
             if ends[1] - ends[0] <= _FINE or over[0] >= 0 or over[1] <= 0:
                 break
             guess = ends[0] + over[0] / (over[0] - over[1]) * (ends[1] - ends[0])
-            side = 0 if fits(guess) else 1
-            over[side] = self._battery_seconds(begin, guess) - self.limit
+            if places is not None:
+                first, after = np.searchsorted(places, ends).tolist()
+                if after - first < 2:
+                    break
+                near = int(np.searchsorted(places, guess))
+                guess = float(places[min(max(near, first + 1), after - 1)])
+            share = self._share(begin, guess)
+            side = int(share > 1.0)
+            ends[side], over[side] = guess, share - 1.0
             if side == last:
                 over[1 - side] /= 2
             last = side
-        while far - until > _FINE:
-            half = (until + far) / 2
-            until, far = (half, far) if fits(half) else (until, half)
-        return until
+        return ends[0], ends[1]
 
     def _fits(self, begin: float, until: float) -> bool:
-        return (
-            self._n_items(self._sortie(begin, until)) <= self.most_waypoints
-            and self._battery_seconds(begin, until) <= self.limit
-        )
+        return self._share(begin, until) <= 1.0
+
+    def _share(self, begin: float, until: float) -> float:
+        """Return what a sortie needs of the memory or of the battery, whichever is more, relative
+        to what there is. If the memory is too small, the battery is not asked.
+        """
+        items = self._n_items(self._sortie(begin, until)) / self.most_waypoints
+        if items > 1.0:
+            return items
+        if self.limit <= 0:
+            return inf
+        return max(items, self._battery_seconds(begin, until) / self.limit)
 
     def _battery_seconds(self, begin: float, until: float) -> float:
         """Return the time for which a sortie needs the battery, with the climb of a return."""

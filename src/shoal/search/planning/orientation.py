@@ -470,8 +470,9 @@ def ranked_grid_tours(
         estimated = (
             [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn_cost)
         )
-        simple = shapely.simplify(region.area, size / 4)  # rough tours look at it
-        rough_work = region.area_m2 / size**2 + _CORNER * shapely.get_num_coordinates(simple)
+        # rough tours look at a simpler outline
+        corners = int(shapely.get_num_coordinates(_simple_rings(region.area, size)).sum())
+        rough_work = region.area_m2 / size**2 + _CORNER * corners
         hollow = region.area.convex_hull.area - region.area_m2 > _HOLLOW * region.area_m2
         rough_count = min(_ROUGH, int(_ROUGH_WORK * (_ARMED if hollow else 1) / rough_work))
         many = hollow and rough_count == _ROUGH
@@ -617,14 +618,11 @@ def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]
     """
     import shapely
 
-    # Ring by ring, which takes a time in proportion to their corners. A hole is a polygon too: a
-    # line passes from inside to outside at each crossing, whatever ring it crosses.
-    rings = shapely.get_rings(shapely.get_parts(area))
-    simple = shapely.multipolygons(shapely.polygons(shapely.simplify(rings, size / 4)))
-    angles = {*np.arange(0.0, 180.0, _STEP).tolist(), *_long_sides(simple)}
-    points, ring = shapely.get_coordinates(
-        shapely.get_rings(shapely.get_parts(simple)), return_index=True
-    )
+    # A hole is a polygon too: a line passes from inside to outside at each crossing, whatever ring
+    # it crosses.
+    rings = _simple_rings(area, size)
+    angles = {*np.arange(0.0, 180.0, _STEP).tolist(), *_long_sides(rings)}
+    points, ring = shapely.get_coordinates(rings, return_index=True)
     sides_of_rings = np.flatnonzero(ring[1:] == ring[:-1])
     costs = []
     for angle in sorted(angles):
@@ -633,6 +631,15 @@ def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]
         shifts = {*_SHIFTS, *_flush_shift(*sides, size)}
         costs += [(_cost_of_rows(*sides, size, turn, shift), angle, shift) for shift in shifts]
     return [(angle, shift) for _, angle, shift in sorted(costs)]
+
+
+def _simple_rings(area: Any, size: float) -> Any:
+    """Return the rings of an area without bends below a quarter of a cell. Ring by ring, this takes
+    a time in proportion to their corners.
+    """
+    import shapely
+
+    return shapely.simplify(shapely.get_rings(shapely.get_parts(area)), size / 4)
 
 
 def _flush_shift(
@@ -658,14 +665,14 @@ def _flush_shift(
     return [shift for shift in best if abs((shift + 0.125) % 0.25 - 0.125) > _OTHER]
 
 
-def _long_sides(area: Any) -> list[float]:
-    """Return angles in degrees from 0 to below 180: the directions of an outline's longest sides,
-    and perpendicular directions.
+def _long_sides(rings: Any) -> list[float]:
+    """Return angles in degrees from 0 to below 180: the directions of the longest sides of an
+    outline with given rings, and perpendicular directions.
     """
     import shapely
 
     costs: dict[float, float] = {}
-    for ring in shapely.get_rings(shapely.get_parts(area)):
+    for ring in rings:
         sides = np.diff(shapely.get_coordinates(ring), axis=0)
         directions = np.round(np.degrees(angles_of(sides)) % 90.0, 1)
         for direction, length in zip(directions.tolist(), np.hypot(*sides.T).tolist(), strict=True):

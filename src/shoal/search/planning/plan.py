@@ -53,7 +53,7 @@ from shoal.search.cells.layers import (
 )
 from shoal.search.cells.routing import LaunchDistances, RegionPaths, Route, Transits
 from shoal.search.cells.visibility_graph import leg_lengths
-from shoal.search.flight.dubins import LINK, Airspace, NoRoomError
+from shoal.search.flight.dubins import LINK, Airspace, NoRoomError, least_length
 from shoal.search.flight.flight import Flight
 from shoal.search.flight.legs import merge_straight_legs
 from shoal.search.flight.sorties import Sorties
@@ -360,13 +360,12 @@ class SearchPlan:
         if not self.vehicle.radius:
             return "return"
         loitering = replace(self, ending="loiter")
-        durations = [
-            loitering._durations(robot, stops)
-            for robot in range(len(self.places))
-            if len(stops := self.stops(robot))
-        ]
-        several = any(isinstance(own, tuple) and len(own) > 1 for own in durations)
-        return "land" if several else "loiter"
+        for robot in np.argsort(-self.allocation.times, kind="stable").tolist():
+            if len(stops := self.stops(robot)):
+                own = loitering._durations(robot, stops)
+                if isinstance(own, tuple) and len(own) > 1:
+                    return "land"
+        return "loiter"
 
     def _durations(
         self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]] = ()
@@ -1218,14 +1217,11 @@ def tell_if_straight_rows_are_faster(plan: SearchPlan, problem: SearchProblem, s
 
     The other plan compares nothing, so the one without a line may be still faster.
     """
+    if not listeners or problem.along is None or plan.refusal is not None:
+        return
     along = plan.plain or plan  # nothing that is about a prior differs between them
     seconds = without_delays(along)
-    if (
-        not listeners
-        or problem.along is None
-        or plan.refusal is not None
-        or seconds <= _MUCH_SLOWER * plan.least_seconds
-    ):
+    if seconds <= _MUCH_SLOWER * plan.least_seconds:
         return
     choices = {"tour": plan.tour.name, "allocation": plan.allocation.allocator}
     straight = problem.replaced(along=None, angle=longest_angle(problem.place.area), **choices)
@@ -1498,8 +1494,8 @@ def price_of_turns(plan: SearchPlan, problem: SearchProblem) -> float:
 
 def least_price(plan: SearchPlan, problem: SearchProblem) -> float:
     """Return a lower bound on the `price_of_turns` of a plan: what it would be if each vehicle needed
-    no more than its route takes, in one sortie and, of a fixed wing, without curves. Without a
-    vehicle, it is the price itself.
+    no more than its route takes, in one sortie and, of a fixed wing, with its shortest curves from
+    row to row. Without a vehicle, it is the price itself.
     """
     if not plan.flies:
         return price_of_turns(plan, problem)
@@ -1517,7 +1513,13 @@ def least_price(plan: SearchPlan, problem: SearchProblem) -> float:
         if not vehicle.radius:  # fixed wings may climb on their way
             ends = path[[0, -1]] * (1.0, 1.0, 0.0)
             path = np.vstack([ends[:1], path, ends[1:]])
-        times[robot] = trajectory(path, vehicle, rate=float(plan.rates[robot])).duration
+        rate = float(plan.rates[robot])
+        times[robot] = trajectory(path, vehicle, rate=rate).duration
+        if vehicle.radius:
+            link = LINK * float(plan.footprints[robot])
+            length = least_length(merged[:, :2], vehicle.radius, link=link)
+            fastest = rate * vehicle.cruise + vehicle.wind
+            times[robot] = max(times[robot], length / fastest)
     return _price(plan, problem, ((1 - _LOOSE) * times).tolist(), counts)
 
 
