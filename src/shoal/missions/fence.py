@@ -195,19 +195,22 @@ class _Ring:
         # the neighbours of each side, extended beyond it
         side_before, side_after = points - before, after - next_after
         across = cross(side_before, side_after)
+        # almost on one line, sides meet anywhere: far away, the triangle is a needle of no area
+        most = np.hypot(*np.ptp(points, axis=0))
         with np.errstate(divide="ignore", invalid="ignore"):
             extensions = cross(after - points, side_after) / across
             back = cross(after - points, side_before) / across
-        outwards = np.flatnonzero(
-            (turns > 0)
-            & (np.roll(turns, -1) > 0)
-            & (extensions > 0)
-            & (back > 0)
-            & np.isfinite(extensions)
-            & np.isfinite(back)
-        )
+            outwards = np.flatnonzero(
+                (turns > 0)
+                & (np.roll(turns, -1) > 0)
+                & (extensions > 0)
+                & (back > 0)
+                & (extensions * np.hypot(*side_before.T) <= most)
+                & (back * np.hypot(*side_after.T) <= most)
+            )
         meetings = points[outwards] + extensions[outwards, None] * side_before[outwards]
-        added = np.abs(cross(meetings - points[outwards], after[outwards] - meetings)) / 2
+        # cross(e s, t - e s) = e cross(s, t): the differences of large numbers would be rounded
+        added = extensions[outwards] * turns[outwards] / 2
         areas = [*(area for area, *_ in triangles), *(-turns[inwards] / 2), *added]
         first = len(triangles) + len(inwards)
         for number in np.argsort(areas, kind="stable").tolist():

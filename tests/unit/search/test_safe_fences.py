@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import shapely
+from shapely.affinity import rotate
 
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError
@@ -551,6 +552,18 @@ def test_enclosing_polygons_contain_the_given_ones_and_keep_clear(seed):
         assert simple.is_valid
         assert simple.buffer(1e-6).covers(shape)
         assert simple.distance(lines) > far - 0.01
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_corners_on_a_side_do_not_become_needles(seed):
+    """Sides that lie on one line but for rounding meet anywhere: a corner was 10^18 m away."""
+    rng = np.random.default_rng(seed)
+    for _ in range(20):
+        box = rotate(shapely.box(0, 0, *rng.uniform(20, 900, 2)), rng.uniform(0, 180))
+        (simple,) = enclosing_polygons([shapely.segmentize(box, rng.uniform(5, 60))], 8)
+        assert corners_of([simple]) <= 8
+        assert simple.buffer(1e-6).covers(box)
+        assert simple.length < 1.1 * box.length
 
 
 def test_a_zone_does_not_grow_over_a_path_along_its_side():
