@@ -18,6 +18,7 @@ from shoal.core.geometry import angles_of, step_lengths, unit_vectors
 from shoal.search.regions.outline import text_of
 
 Floats = NDArray[np.float64]
+Costs = tuple[Floats, Any]  # of a link, for each pair of headings: length and type of its curve
 
 
 class NoRoomError(InvalidInputError):
@@ -241,6 +242,8 @@ class Airspace:
         lengths of the shortest unblocked curves, and their types. The key of a link consists of its
         two end points, their possible headings, and whether curves may make detours. All flights in
         one airspace share these costs.
+    shortest : dict
+        For each turning radius, the same of curves that may be blocked.
     dead_ends : dict
         For each turning radius and link length, sections of paths through which no vehicle with
         this radius can fly: each an array of consecutive points, by the bytes of its first point.
@@ -250,9 +253,8 @@ class Airspace:
     blocked: Any = None
     area: Any = None
     free: Any = None
-    curves: dict[float, dict[tuple[bytes, bool], tuple[Floats, Any]]] = field(
-        default_factory=dict, repr=False
-    )
+    curves: dict[float, dict[tuple[bytes, bool], Costs]] = field(default_factory=dict, repr=False)
+    shortest: dict[float, dict[bytes, Costs]] = field(default_factory=dict, repr=False)
     dead_ends: dict[tuple[float, float], dict[bytes, Floats]] = field(
         default_factory=dict, repr=False
     )
@@ -546,7 +548,7 @@ def _shortest_path(
     unreachable vertex.
     """
     links = np.flatnonzero(~np.array(poses.straight))
-    lengths, words = _link_costs(poses, links, radius)
+    lengths, words = _link_costs(poses, links, radius, airspace.shortest.setdefault(radius, {}))
     looked: set[int] = set()
     extended: set[int] = set()
     curve_of: dict[tuple[int, int, int], Floats] = {}
@@ -623,9 +625,11 @@ def _possible_poses(points: Floats, far: Any) -> _Poses:
     return _Poses(points[vertices], np.array(headings), straight[:-1], vertices)
 
 
-def _link_costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
+def _link_costs(
+    poses: _Poses, links: Any, radius: float, known: dict[bytes, Costs]
+) -> tuple[Floats, Any]:
     """Return the length and the type of the shortest Dubins curve for each link and each pair of
-    headings at its two ends.
+    headings at its two ends. Costs between free headings are kept in ``known``.
     """
     lengths, words = (
         np.full((len(links), HEADINGS, HEADINGS), np.inf),
@@ -633,7 +637,13 @@ def _link_costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
     )
     only = np.isnan(poses.headings[:, 1])
     fixed = only[links] & only[links + 1]
-    for some, count in ((np.flatnonzero(fixed), 1), (np.flatnonzero(~fixed), HEADINGS)):
+    keys = {
+        number: poses.points[link : link + 2].tobytes() + poses.headings[link : link + 2].tobytes()
+        for number, link in enumerate(links.tolist())
+        if not fixed[number]
+    }
+    new = np.array([number for number, key in keys.items() if key not in known], dtype=np.int64)
+    for some, count in ((np.flatnonzero(fixed), 1), (new, HEADINGS)):
         for begin in range(0, len(some), _AT_ONCE):
             chunk = some[begin : begin + _AT_ONCE]
             every = _link_parts(poses, links[chunk], radius, count).sum(axis=-1)
@@ -641,6 +651,10 @@ def _link_costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
                 every.min(axis=-1),
                 every.argmin(axis=-1),
             )
+    for number in new.tolist():
+        known[keys[number]] = lengths[number].copy(), words[number].copy()
+    for number, key in keys.items():
+        lengths[number], words[number] = known[key]
     return lengths, words
 
 
