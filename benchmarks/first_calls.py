@@ -72,6 +72,7 @@ COMMANDS = {
         "search circle:40 --robots 2 --footprint 6 --angle auto",
         "search ring:60x40 --robots 2 --footprint 5",
         "search square:40 --robots 2 --footprint 10 --prior ring:20,20:0.5=10",
+        "search rectangle:600x400 --robots 2 --footprint 50 --vehicle fixed-wing",
         "search rectangle:540x540 --robots 8 --footprint 10",  # large enough for compiled simulation
         *(
             f"tour {name} cave:20x15"

@@ -101,6 +101,14 @@ CASES = {
         ("--robots", "3", "--footprint", "20", "--missions", "MISSIONS"),
         field,
     ),
+    "field-wings": Case(
+        0.0,
+        ("--robots", "2", "--footprint", "30", "--vehicle", "fixed-wing", "--missions", "MISSIONS"),
+        field,
+        zones=lambda: [
+            rectangle(60, 40)[0] + place for place in ((120, 100), (330, 220), (180, 290))
+        ],
+    ),
     "cells-3e3": Case(0.8, plan(6), lambda: lake(3_000, 100)),
     "cells-3e3-flown": Case(0.8, plan(6, "--vehicle", "multirotor"), lambda: lake(3_000, 100)),
     "cells-1e5": Case(2.0, plan(6), lambda: lake(100_000, 100)),

@@ -248,7 +248,27 @@ for shape in ((3, 4), (1, 8), (2, 65)):
 """
 
 
+FLIGHTS = """
+import numpy as np
+import shapely
+from shoal.search.flight.dubins import Airspace, NoRoomError, plan_dubins_path
+rng = np.random.default_rng(25)
+for number in range(8):
+    ys = np.repeat(np.arange(4) * 20.0, 2)
+    xs = np.tile([0.0, 300.0, 300.0, 0.0], 2)
+    path = np.vstack([rng.uniform(-200, 0, 2), np.column_stack([xs, ys]), rng.uniform(-200, 0, 2)])
+    blocked = shapely.box(*rng.uniform([-150, -150], [-60, 150]), -50, 200) if number % 2 else None
+    for airspace in (None, Airspace(blocked=blocked)):
+        try:
+            pieces = plan_dubins_path(path, 40.0, link=25.0, airspace=airspace, cuts=[4] if number % 3 else [])
+            print(number, [(np.round(piece, 6) + 0.0).tolist() for piece in pieces])
+        except NoRoomError as error:
+            print(number, error)
+"""
+
+
 SCRIPTS = {
+    "flights": FLIGHTS,
     "gatherings": GATHERINGS,
     "episodes": SCRIPT,
     "planners": PLANNERS,
@@ -260,6 +280,7 @@ SCRIPTS = {
     "batches": BATCHES,
 }
 LINES = {
+    "flights": 8 * 2,
     "gatherings": 3 * 7 + 2 * 3 * 2 + 2 * 2,
     "planners": 4 * 2 * 3 * 2 + 3 * 2 * 2 * 2 + 6,  # and the plans of the small ones
     "plans": 12 + 9,

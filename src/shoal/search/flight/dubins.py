@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.core.geometry import angles_of, step_lengths, unit_vectors
+from shoal.core.geometry import angles_of, step_lengths
 from shoal.search.regions.outline import text_of
 
 Floats = NDArray[np.float64]
@@ -32,9 +32,8 @@ WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
 
 SHARPEST = pi / 6  # largest bend of an approximated path at a vertex
 _ROUND = 2 * pi
-_CLOSE = 1e-9
 _SLIGHT = 0.01  # metres: half of an arc that needs no vertex
-_SENSES = np.array([["RSL".index(letter) - 1.0 for letter in word] for word in WORDS])
+_SENSES = np.array([["RSL".index(letter) - 1 for letter in word] for word in WORDS])
 
 
 def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
@@ -66,34 +65,14 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
     >>> print(parts.sum(axis=-1).min().round(3) * 50)  # half a circle, 100 m across, half a circle
     257.1
     """
+    from shoal.search.kernels.dubins import curves_between
+
     begin, end = np.broadcast_arrays(
         np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)
     )
-    across = (end[..., :2] - begin[..., :2]) / radius
-    d, toward = np.hypot(across[..., 0], across[..., 1]), angles_of(across)
-    a, b = begin[..., 2] - toward, end[..., 2] - toward
-    # Every word has a mirror image with L and R exchanged: the same formula with -a and -b for a
-    # and b. So three formulas give six words. Lengths of words that do not exist are NaN first.
-    a, b = (angle[..., None] * (1.0, -1.0) for angle in (a, b))
-    d = d[..., None]
-    sa, sb, ca, cb, cab = np.sin(a), np.sin(b), np.cos(a), np.cos(b), np.cos(a - b)
-    with np.errstate(invalid="ignore"):
-        # LSL: p^2 = 2 + d^2 - 2 cos(a - b) + 2 d (sin a - sin b)
-        turn = np.arctan2(cb - ca, d + sa - sb)
-        p = np.sqrt(np.maximum(2 + d * d - 2 * cab + 2 * d * (sa - sb), 0.0))
-        same_side = np.stack([turn - a, p, b - turn], axis=-1)
-        # LSR: p^2 = d^2 - 2 + 2 cos(a - b) + 2 d (sin a + sin b)
-        p = np.sqrt(d * d - 2 + 2 * cab + 2 * d * (sa + sb))
-        turn = np.arctan2(-ca - cb, d + sa + sb) - np.arctan2(-2.0, p)
-        other_side = np.stack([turn - a, p, turn - b], axis=-1)
-        # RLR: cos p = (6 - d^2 + 2 cos(a - b) + 2 d (sin a - sin b)) / 8
-        p = _ROUND - np.arccos((6 - d * d + 2 * cab + 2 * d * (sa - sb)) / 8)
-        t = a - np.arctan2(ca - cb, d - sa + sb) + p / 2
-        three_arcs = np.stack([t, p, a - b - t + p], axis=-1)
-    parts = np.concatenate([same_side, other_side, three_arcs], axis=-2)
-    parts[..., [0, 2]] %= _ROUND
-    parts[..., [0, 2]] = np.where(parts[..., [0, 2]] > _ROUND - _CLOSE, 0.0, parts[..., [0, 2]])
-    return np.where(np.isfinite(parts).all(axis=-1, keepdims=True), parts, np.inf)
+    parts = np.empty((begin[..., 0].size, len(WORDS), 3))
+    curves_between(*(np.array(poses.reshape(-1, 3)) for poses in (begin, end)), radius, parts)
+    return parts.reshape(*begin.shape[:-1], len(WORDS), 3)
 
 
 def least_length(path: Floats, radius: float, *, link: float) -> float:
@@ -150,36 +129,23 @@ def dubins_paths(
     numbers : ndarray of int64, shape (k,)
         Index of the curve to which each point belongs.
     """
-    place, heading = starts[:, :2], starts[:, 2]
-    columns, present = [place[:, None, :]], [np.ones((len(starts), 1), dtype=np.bool_)]
-    for part in range(3):
-        sense, length = _SENSES[words, part], parts[:, part]
-        counts = np.maximum(np.ceil(length / SHARPEST - _CLOSE), 1.0)
-        bend = length / counts
-        number = np.arange(int(counts[sense != 0].max(initial=0.0)))
-        # The tangents of an arc meet at the angle in the middle between two points of the arc, R /
-        # cos(bend / 2) from its centre.
-        angles = heading[:, None] + (sense * bend)[:, None] * (number + 0.5)
-        centre = place + (sense * radius)[:, None] * np.column_stack(
-            [-np.sin(heading), np.cos(heading)]
-        )
-        away = sense * radius / np.cos(bend / 2)
-        columns.append(
-            centre[:, None, :]
-            + away[:, None, None] * np.stack([np.sin(angles), -np.cos(angles)], axis=-1)
-        )
-        bent = (sense != 0) & (radius * np.tan(bend / 2) > _SLIGHT)
-        present.append(bent[:, None] & (number < counts[:, None]))
-        ahead = np.where(sense == 0, radius * length, 0.0)[:, None] * unit_vectors(heading)
-        heading = heading + sense * length
-        ended = centre + (sense * radius)[:, None] * np.column_stack(
-            [np.sin(heading), -np.cos(heading)]
-        )
-        place = np.where((sense == 0)[:, None], place + ahead, ended)
-    columns.append(place[:, None, :])
-    present.append(np.ones((len(starts), 1), dtype=np.bool_))
-    existing = np.concatenate(present, axis=1)
-    return np.concatenate(columns, axis=1)[existing], np.nonzero(existing)[0]
+    from shoal.search.kernels.dubins import bent_paths
+
+    senses, most = _SENSES[words], (np.where(np.isfinite(parts), parts, 0.0) / SHARPEST + 1).sum()
+    points = np.empty((int(most) + 2 * len(starts), 2))
+    ends = np.empty(len(starts), dtype=np.int64)
+    bent_paths(
+        np.ascontiguousarray(starts),
+        senses,
+        np.ascontiguousarray(parts),
+        radius,
+        SHARPEST,
+        _SLIGHT,
+        points,
+        ends,
+    )
+    numbers = np.repeat(np.arange(len(starts)), np.diff(ends, prepend=0))
+    return points[: len(numbers)], numbers
 
 
 def shortest_length(start: ArrayLike, end: ArrayLike, radius: float) -> float:
@@ -198,7 +164,6 @@ LINK = (
 )
 _FREE = np.radians([*range(0, 360, 30), *range(45, 360, 90)])  # corners are passed across
 _KEPT, _CUT = 1, 2  # marks of vertices
-_AT_ONCE = 1000  # number of links whose curves are computed at once
 _TOUCH = 0.004  # metres by which a path may enter a blocked area; below the rounding in files
 _SAME = 1e-6  # metres, and radians
 # lengths of straight ends of a detour, divided by the radius
@@ -213,15 +178,15 @@ class _Poses:
     """The points of a path, the possible headings at each point, and whether the leg to the next
     point is straight.
 
-    The array ``headings`` has shape (n, `HEADINGS`), with NaN for unused entries. The list
+    The array ``headings`` has shape (n, `HEADINGS`), with NaN for unused entries. The array
     ``vertices`` holds the index of the vertex at each point. A vertex between two straight legs
     gives two points, with different headings.
     """
 
     points: Floats
     headings: Floats
-    straight: list[bool]
-    vertices: list[int]
+    straight: NDArray[np.bool_]
+    vertices: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -547,7 +512,7 @@ def _shortest_path(
     path exists, return the vertices at which straight legs must be shortened, followed by the first
     unreachable vertex.
     """
-    links = np.flatnonzero(~np.array(poses.straight))
+    links = np.flatnonzero(~poses.straight)
     lengths, words = _link_costs(poses, links, radius, airspace.shortest.setdefault(radius, {}))
     looked: set[int] = set()
     extended: set[int] = set()
@@ -574,7 +539,7 @@ def _shortest_path(
                 number for number in looked if not np.isfinite(lengths[number]).any()
             ] or looked
             ends = (poses.vertices[links[number] + end] for number in stuck for end in (0, 1))
-            return [*sorted({int(vertex) for vertex in ends}), poses.vertices[chosen]]
+            return [*sorted({int(vertex) for vertex in ends}), int(poses.vertices[chosen])]
         keys = [
             (number, chosen[link], chosen[link + 1]) for number, link in enumerate(links.tolist())
         ]
@@ -600,29 +565,20 @@ def _possible_poses(points: Floats, far: Any) -> _Poses:
     """Return the points of a path with their possible headings. Both ends of a straight leg have
     the heading of this leg.
     """
-    legs = np.diff(points, axis=0)
-    courses = angles_of(legs)
-    vertices: list[int] = []
-    headings: list[Floats] = []
-    straight: list[bool] = []
-    for index in range(len(points)):
-        before, after = index > 0 and far[index - 1], index < len(legs) and far[index]
-        directions = [
-            legs[leg] for leg, is_straight in ((index - 1, before), (index, after)) if is_straight
-        ]
-        for number, direction in enumerate(directions or [None]):
-            allowed = np.full(HEADINGS, np.nan)
-            if direction is None:
-                allowed[:-1], allowed[-1] = (
-                    _FREE + courses[min(index, len(legs) - 1)],
-                    courses[max(index - 1, 0)],
-                )
-            else:
-                allowed[0] = np.arctan2(direction[1], direction[0])
-            vertices.append(index)
-            headings.append(allowed)
-            straight.append(bool(after) and number == len(directions) - 1)
-    return _Poses(points[vertices], np.array(headings), straight[:-1], vertices)
+    courses = angles_of(np.diff(points, axis=0))
+    before, after = np.concatenate([[False], far]), np.concatenate([far, [False]])
+    vertices = np.repeat(np.arange(len(points)), np.maximum(before.astype(np.int64) + after, 1))
+    last = np.concatenate([vertices[1:] != vertices[:-1], [True]])  # of those of one vertex
+    free = ~(before | after)[vertices]
+    headings = np.full((len(vertices), HEADINGS), np.nan)
+    # the leg before a vertex, or the leg after it for the last one of two and where only this is
+    # straight
+    of_leg = vertices - (before[vertices] & ~(last & after[vertices]))
+    headings[~free, 0] = courses[of_leg[~free]]
+    leaving = np.minimum(vertices[free], len(courses) - 1)
+    headings[free, :-1] = _FREE + courses[leaving][:, None]
+    headings[free, -1] = courses[np.maximum(vertices[free] - 1, 0)]
+    return _Poses(points[vertices], headings, (after[vertices] & last)[:-1], vertices)
 
 
 def _link_costs(
@@ -631,6 +587,8 @@ def _link_costs(
     """Return the length and the type of the shortest Dubins curve for each link and each pair of
     headings at its two ends. Costs between free headings are kept in ``known``.
     """
+    from shoal.search.kernels.dubins import shortest_curves
+
     lengths, words = (
         np.full((len(links), HEADINGS, HEADINGS), np.inf),
         np.zeros((len(links), HEADINGS, HEADINGS), dtype=np.int8),
@@ -644,29 +602,19 @@ def _link_costs(
     }
     new = np.array([number for number, key in keys.items() if key not in known], dtype=np.int64)
     for some, count in ((np.flatnonzero(fixed), 1), (new, HEADINGS)):
-        for begin in range(0, len(some), _AT_ONCE):
-            chunk = some[begin : begin + _AT_ONCE]
-            every = _link_parts(poses, links[chunk], radius, count).sum(axis=-1)
-            lengths[chunk, :count, :count], words[chunk, :count, :count] = (
-                every.min(axis=-1),
-                every.argmin(axis=-1),
-            )
+        costs = np.empty((len(some), count, count)), np.empty((len(some), count, count), np.int8)
+        shortest_curves(
+            *(np.ascontiguousarray(poses.points[links[some] + end]) for end in (0, 1)),
+            *(np.ascontiguousarray(poses.headings[links[some] + end, :count]) for end in (0, 1)),
+            radius,
+            *costs,
+        )
+        lengths[some, :count, :count], words[some, :count, :count] = costs
     for number in new.tolist():
         known[keys[number]] = lengths[number].copy(), words[number].copy()
     for number, key in keys.items():
         lengths[number], words[number] = known[key]
     return lengths, words
-
-
-def _link_parts(poses: _Poses, links: Any, radius: float, count: int = HEADINGS) -> Floats:
-    """Return the lengths of the parts of each link's Dubins curves, infinite for unused headings;
-    shape (n, count, count, 6, 3).
-    """
-    ends = []
-    for some in (links, links + 1):
-        place = np.broadcast_to(poses.points[some][:, None, :], (len(some), count, 2))
-        ends.append(np.concatenate([place, poses.headings[some][:, :count, None]], axis=-1))
-    return dubins_parts(ends[0][:, :, None, :], ends[1][:, None, :, :], radius)
 
 
 def _clear_costs(
@@ -711,7 +659,8 @@ def _clear_costs(
             blocked = _blocked_ends(poses, point, side * radius, airspace)
             wrong = blocked[index][:, np.searchsorted(_AHEAD, which)]
             lengths[np.repeat(wrong, len(WORDS), axis=1)] = np.inf
-    ranks = np.argsort(lengths, axis=-1, kind="stable")
+    # of curves as long as each other but for rounding, the first, on all machines
+    ranks = np.argsort(lengths.round(9), axis=-1, kind="stable")
     open_pairs = np.arange(len(start_headings))
     for rank in range(lengths.shape[1]):  # the shortest first; a longer one only if it is blocked
         kind = ranks[open_pairs, rank]
@@ -770,23 +719,13 @@ def _choose_headings(poses: _Poses, links: Any, lengths: Floats) -> list[int] | 
 
     If no path exists, return the first unreachable point.
     """
-    number = dict(zip(links.tolist(), range(len(links)), strict=True))
-    costs = [np.where(np.isnan(poses.headings[0]), np.inf, 0.0)]
-    came: list[Any] = []
-    for place in range(len(poses.points) - 1):
-        if place in number:
-            every = costs[-1][:, None] + lengths[number[place]]
-        else:  # a straight leg: its only heading is kept
-            every = np.full((HEADINGS, HEADINGS), np.inf)
-            every[0, 0] = costs[-1][0]
-        came.append(every.argmin(axis=0))
-        costs.append(every.min(axis=0))
-        if not np.isfinite(costs[-1]).any():
-            return place + 1
-    chosen = [int(costs[-1].argmin())]
-    for before in reversed(came):
-        chosen.append(int(before[chosen[-1]]))
-    return chosen[::-1]
+    from shoal.search.kernels.dubins import choose_headings
+
+    link_of = np.full(len(poses.points) - 1, -1)
+    link_of[links] = np.arange(len(links))
+    chosen = np.zeros(len(poses.points), dtype=np.int64)
+    lost = choose_headings(~np.isnan(poses.headings[0]), link_of, lengths, chosen)
+    return lost or chosen.tolist()
 
 
 def _chosen_curves(
@@ -808,13 +747,13 @@ def _chosen_curves(
     starts, ends = _move_ahead(starts, before), _move_ahead(ends, -after)
     parts = dubins_parts(starts, ends, radius)[np.arange(len(types)), types]
     points, curves = dubins_paths(starts, types, parts, radius)
-    curves_of = np.split(points, np.flatnonzero(np.diff(curves)) + 1)
-    for number, curve in enumerate(curves_of):
-        curve[-1] = ends[number, :2]  # the heading exists except for rounding errors
-        if before[number] or after[number]:
-            first = _move_ahead(starts[number], -before[number])[:2]
-            last = _move_ahead(ends[number], after[number])[:2]
-            curves_of[number] = np.vstack([first, curve, last])
+    borders = np.flatnonzero(np.diff(curves, prepend=-1, append=len(starts)))
+    points[borders[1:] - 1] = ends[:, :2]  # the heading exists except for rounding errors
+    curves_of = [points[begin:end] for begin, end in pairwise(borders.tolist())]
+    for number in np.flatnonzero(before + after):
+        first = _move_ahead(starts[number], -before[number])[:2]
+        last = _move_ahead(ends[number], after[number])[:2]
+        curves_of[number] = np.vstack([first, curves_of[number], last])
     return curves_of
 
 
@@ -825,19 +764,16 @@ def _join_pieces(poses: _Poses, links: Any, curves: list[Floats], marks: Any) ->
     The second point and the last but one point are always marked, because the vehicle searches the
     region between these two points.
     """
-    number = dict(zip(links.tolist(), curves, strict=True))
-    pieces, piece_marks = [poses.points[:1]], [_KEPT]
-    for place in range(len(poses.straight)):
-        piece = number[place][1:] if place in number else poses.points[place + 1 : place + 2]
-        pieces.append(piece)
-        # where a place is passed twice it is cut the first time
-        again = poses.vertices[place + 1] == poses.vertices[place]
-        mark_of_vertex = int(marks[poses.vertices[place + 1]])
-        piece_marks += [
-            *[0] * (len(piece) - 1),
-            min(mark_of_vertex, _KEPT) if again else mark_of_vertex,
-        ]
-    path, mark = np.vstack(pieces), np.array(piece_marks)
+    pieces = list(poses.points[:, None])
+    for link, curve in zip(links.tolist(), curves, strict=True):
+        pieces[link + 1] = curve[1:]
+    path, ends = np.concatenate(pieces), np.cumsum([len(piece) for piece in pieces]) - 1
+    mark = np.zeros(len(path), dtype=marks.dtype)
+    mark[ends] = marks[poses.vertices]
+    # where a place is passed twice it is cut the first time
+    again = ends[1:][poses.vertices[1:] == poses.vertices[:-1]]
+    mark[again] = np.minimum(mark[again], _KEPT)
+    mark[0] = _KEPT
     apart = np.concatenate([[True], step_lengths(path) > _SAME])
     # of two at one place the first one stays
     mark[:-1] = np.maximum(mark[:-1], np.where(apart[1:], 0, mark[1:]))
