@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from shoal.search.flight.dubins import WORDS, dubins_parts
+from shoal.search.flight.dubins import WORDS, dubins_parts, dubins_paths
 from shoal.search.kernels.dubins import choose_headings, shortest_curves
 
 ROUND = 2 * math.pi
@@ -153,3 +153,20 @@ def test_headings_are_those_of_the_shortest_of_all_paths(seed):
     assert lost == (0 if all(reached) else 1 + reached.index(False))
     if not lost:
         assert length(chosen.tolist()) == least(n_legs + 1)
+        every = itertools.product(range(count), repeat=n_legs + 1)
+        equal = [headings for headings in every if length(headings) == least(n_legs + 1)]
+        # the first headings at the last points
+        assert tuple(chosen.tolist()) == min(equal, key=lambda headings: headings[::-1])
+
+
+def test_paths_fill_no_more_than_their_points():
+    rng = np.random.default_rng(20)
+    starts, words = rng.uniform(-9, 9, (300, 3)), rng.integers(6, size=300)
+    parts = rng.uniform(0, 2 * np.pi, (300, 3)) * rng.integers(2, size=(300, 3))
+    points, numbers = dubins_paths(starts, words, parts, RADIUS)
+    assert len(points) == len(numbers)
+    assert len(points.base) >= len(points)
+    for wrong in (-1.0, np.inf, np.nan):
+        parts[7, 1] = wrong
+        with pytest.raises(AssertionError):
+            dubins_paths(starts, words, parts, RADIUS)

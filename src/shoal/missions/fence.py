@@ -195,8 +195,9 @@ class _Ring:
         # the neighbours of each side, extended beyond it
         side_before, side_after = points - before, after - next_after
         across = cross(side_before, side_after)
-        # almost on one line, sides meet anywhere: far away, the triangle is a needle of no area
-        most = np.hypot(*np.ptp(points, axis=0))
+        # Almost on one line or almost parallel, sides meet anywhere. No new corner is farther away
+        # than the ring is long, even if a zone is then left out of the fence.
+        farthest = np.hypot(*np.ptp(points, axis=0))
         with np.errstate(divide="ignore", invalid="ignore"):
             extensions = cross(after - points, side_after) / across
             back = cross(after - points, side_before) / across
@@ -205,8 +206,8 @@ class _Ring:
                 & (np.roll(turns, -1) > 0)
                 & (extensions > 0)
                 & (back > 0)
-                & (extensions * np.hypot(*side_before.T) <= most)
-                & (back * np.hypot(*side_after.T) <= most)
+                & (extensions * np.hypot(*side_before.T) <= farthest)
+                & (back * np.hypot(*side_after.T) <= farthest)
             )
         meetings = points[outwards] + extensions[outwards, None] * side_before[outwards]
         # cross(e s, t - e s) = e cross(s, t): the differences of large numbers would be rounded

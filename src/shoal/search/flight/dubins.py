@@ -71,7 +71,8 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
         np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)
     )
     parts = np.empty((begin[..., 0].size, len(WORDS), 3))
-    curves_between(*(np.array(poses.reshape(-1, 3)) for poses in (begin, end)), radius, parts)
+    rows = (np.array(poses.reshape(-1, 3), order="C") for poses in (begin, end))
+    curves_between(*rows, float(radius), parts)
     return parts.reshape(*begin.shape[:-1], len(WORDS), 3)
 
 
@@ -131,8 +132,10 @@ def dubins_paths(
     """
     from shoal.search.kernels.dubins import bent_paths
 
-    senses, most = _SENSES[words], (np.where(np.isfinite(parts), parts, 0.0) / SHARPEST + 1).sum()
-    points = np.empty((int(most) + 2 * len(starts), 2))
+    senses = _SENSES[words]
+    corners = np.where(senses != 0, parts, 0.0) / SHARPEST + 1.0
+    assert ((parts >= 0.0) & np.isfinite(parts)).all()
+    points = np.empty((int(corners.sum()) + 2 * len(starts), 2))
     ends = np.empty(len(starts), dtype=np.int64)
     bent_paths(
         np.ascontiguousarray(starts),
@@ -659,7 +662,7 @@ def _clear_costs(
             blocked = _blocked_ends(poses, point, side * radius, airspace)
             wrong = blocked[index][:, np.searchsorted(_AHEAD, which)]
             lengths[np.repeat(wrong, len(WORDS), axis=1)] = np.inf
-    # of curves as long as each other but for rounding, the first, on all machines
+    # of curves as long as each other but for rounding, the first
     ranks = np.argsort(lengths.round(9), axis=-1, kind="stable")
     open_pairs = np.arange(len(start_headings))
     for rank in range(lengths.shape[1]):  # the shortest first; a longer one only if it is blocked

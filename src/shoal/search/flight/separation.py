@@ -22,7 +22,7 @@ LEVEL = 1e-3  # metres: tolerance of the vertical separation
 _HAIR = 1e-9  # relative to a leg's duration
 _HIGHEST = 1e6  # metres: a larger vertical separation counts as infinite
 _FIRST = 64  # number of pairs of legs that are tested first
-_TOGETHER = 16384  # number of pairs of legs that are tested at once, so that memory is enough
+_TOGETHER = 16384  # number of pairs of legs that are gathered and tested at once, to save memory
 
 
 @dataclass(frozen=True)
@@ -577,33 +577,50 @@ def stagger_starts(
     return chosen, delays
 
 
+_Near = tuple[_Legs, _Legs, Floats, Floats]
+
+
+def _barred_delays(near: Sequence[_Near], separation: Separation) -> list[Floats]:
+    """Return the delays with which a vehicle comes too close to another one on some pairs of legs,
+    given with the factors of the time of turns and the start of the other vehicle (n, 1): arrays of
+    intervals, each of shape (k, 2).
+    """
+    if not near:
+        return []
+    own, other, turns, starts = zip(*near, strict=True)
+    a, b = _Legs.together(own), _Legs.together(other)
+    begun, factors = np.concatenate(starts), np.concatenate(turns)
+    barred = []
+    for first in range(0, len(begun), _TOGETHER):
+        some = np.arange(first, min(first + _TOGETHER, len(begun)))
+        apart = _close_starts(
+            a[some], b[some], factors[some], separation.horizontal, separation.vertical
+        )
+        # With both uncertainties, the start differs by delay - begun, plus or minus the tolerance.
+        within = begun[some] - apart[:, ::-1] + separation.delay * np.array([-1.0, 1.0])
+        barred.append(merge_intervals(within))
+    return barred
+
+
 def _earliest_delay(
     mine: Sequence[Trajectory], others: Sequence[Started], separation: Separation, delay: float
 ) -> float:
     """Return the smallest delay, at least ``delay``, with which a vehicle keeps apart from vehicles
     with fixed delays.
     """
-    near: list[tuple[_Legs, _Legs, Floats]] = []
-    starts: list[Floats] = []
-    horizontal, vertical = separation.horizontal, separation.vertical
+    barred, near, gathered = [np.zeros((0, 2))], list[_Near](), 0
     for theirs, started in others:
         latest = max(max(1.0, part.turns[1]) * part.duration for part in theirs)
         if started + latest + separation.delay < delay:
             continue  # it has landed, however late it is
         for own_flight, other_flight in zip(mine, theirs, strict=True):
-            near.append(_near_legs(own_flight, other_flight, horizontal, vertical))
-            starts.append(np.full(len(near[-1][2]), started))
-    if not near:
-        return float(np.ceil(delay))
-    own, other, turns = zip(*near, strict=True)
-    a, b = _Legs.together(own), _Legs.together(other)
-    begun, factors = np.concatenate(starts)[:, None], np.concatenate(turns)
-    barred = [np.zeros((0, 2))]
-    for first in range(0, len(begun), _TOGETHER):
-        some = np.arange(first, min(first + _TOGETHER, len(begun)))
-        apart = _close_starts(a[some], b[some], factors[some], horizontal, vertical)
-        # With both uncertainties, the start differs by delay - begun, plus or minus the tolerance.
-        barred.append(begun[some] - apart[:, ::-1] + separation.delay * np.array([-1.0, 1.0]))
+            pairs = _near_legs(own_flight, other_flight, separation.horizontal, separation.vertical)
+            near.append((*pairs, np.full((len(pairs[2]), 1), started)))
+            gathered += len(pairs[2])
+            if gathered > _TOGETHER:
+                barred += _barred_delays(near, separation)
+                near, gathered = [], 0
+    barred += _barred_delays(near, separation)
     for low, high in merge_intervals(np.concatenate(barred)).tolist():
         if low - _AFTER < delay < high + _AFTER:
             delay = high + _AFTER

@@ -25,7 +25,7 @@ PathFinder = Callable[[Points, Points], ArrayLike]
 _FLAT = 2e-4  # relative to the time: difference between north in the plane and north on Earth
 _ROUNDING = 0.1  # seconds reserved for the rounding of coordinates in files
 _FINE = 0.01  # metres: accuracy of cutting a leg at the battery's limit
-_GUESSES = 12  # of that place
+_GUESSES = 12  # of the vertex and of the place on a leg where a sortie ends
 _SHORTEST = 0.1  # metres: minimum progress of a sortie
 _MOST = 300  # sorties of a vehicle: about 100 hours in the air with a battery for 20 minutes
 _LOWER = 1.0  # metres by which a fixed wing may begin a search lower than planned
@@ -118,11 +118,15 @@ class Sorties:
             for waypoints in (self._sortie(begin, until),)
         ]
 
+    @property
+    def _range(self) -> float:
+        """Metres that the vehicle flies straight on one battery without wind."""
+        return self.flight.vehicle.cruise * self.flight.rate * self.limit
+
     @cached_property
     def _sections(self) -> list[tuple[float, float]]:
         """Return the distances along the path at which each sortie joins and leaves the path."""
-        end, vehicle = float(self.at[-1]), self.flight.vehicle
-        each = vehicle.cruise * self.limit  # metres
+        end, each = float(self.at[-1]), self._range
         if end > _MOST * each > 0:
             raise InvalidInputError(
                 f"endurance: expected a path of at most {_MOST} sorties for robot {self.robot}, got"
@@ -152,8 +156,7 @@ class Sorties:
         marks = np.concatenate([[begin], self.at[self.at > begin]])
         low, high = 0, len(marks) - 1  # a vertex where it can leave, and one where it cannot
         if not hope:
-            each = self.flight.vehicle.cruise * self.limit  # metres
-            high = min(max(1, int(np.searchsorted(marks, begin + each))), high)
+            high = min(max(1, int(np.searchsorted(marks, begin + self._range))), high)
             while self._fits(begin, float(marks[high])):  # with the wind, perhaps
                 if high == len(marks) - 1:
                     return end
@@ -177,8 +180,8 @@ class Sorties:
     def _bracket(
         self, begin: float, low: float, high: float, places: NDArray[np.float64] | None = None
     ) -> tuple[float, float]:
-        """Return two distances, or two of the sorted ``places``, that are closer together than
-        ``low``, where a sortie can leave the path, and ``high``, where it cannot.
+        """Return two distances, or two of the sorted ``places``, between ``low``, where a sortie
+        can leave the path, and ``high``, where it cannot: the first can be left, the second cannot.
 
         They are found by false position with the weights of the Illinois algorithm, because sorties
         use the battery and the memory almost in proportion to their length.
@@ -215,7 +218,7 @@ class Sorties:
             return items
         if self.limit <= 0:
             return inf
-        return max(items, self._battery_seconds(begin, until) / self.limit)
+        return max(self._battery_seconds(begin, until) / self.limit, items)
 
     def _battery_seconds(self, begin: float, until: float) -> float:
         """Return the time for which a sortie needs the battery, with the climb of a return."""
