@@ -144,17 +144,18 @@ def test_headings_are_those_of_the_shortest_of_all_paths(seed):
                 total = math.inf
         return total
 
-    def least(n_points):
-        return min(map(length, itertools.product(range(count), repeat=n_points)))
+    def shortest_paths(n_points):
+        every = {way: length(way) for way in itertools.product(range(count), repeat=n_points)}
+        least = min(every.values())
+        return least, [way for way, total in every.items() if total == least]
 
     chosen = np.zeros(n_legs + 1, dtype=np.int64)
     lost = choose_headings(possible, link_of, lengths, chosen)
-    reached = [least(n_points) < math.inf for n_points in range(2, n_legs + 2)]
+    reached = [shortest_paths(n_points)[0] < math.inf for n_points in range(2, n_legs + 2)]
     assert lost == (0 if all(reached) else 1 + reached.index(False))
     if not lost:
-        assert length(chosen.tolist()) == least(n_legs + 1)
-        every = itertools.product(range(count), repeat=n_legs + 1)
-        equal = [headings for headings in every if length(headings) == least(n_legs + 1)]
+        least, equal = shortest_paths(n_legs + 1)
+        assert length(chosen.tolist()) == least
         # the first headings at the last points
         assert tuple(chosen.tolist()) == min(equal, key=lambda headings: headings[::-1])
 

@@ -1,8 +1,8 @@
 """Dubins curves between many pairs of poses, and the headings along a path, in compiled code.
 
-A curve has three parts. Its type is an index in `shoal.search.flight.dubins.WORDS`: LSL, RSR, LSR,
-RSL, RLR, LRL. The types of odd index are the mirror images of those before them, with L and R
-exchanged: the same formula with -a and -b for a and b.
+A curve has three parts. Its type is an index in `shoal.search.flight.dubins.WORDS`. The types of odd
+index are the mirror images of those before them, with left and right exchanged: the same formula
+with -a and -b for a and b.
 """
 
 from __future__ import annotations
