@@ -29,6 +29,7 @@ from shoal.missions.approach import airspace_of, missions_approach
 from shoal.missions.deconfliction import plan_missions
 from shoal.missions.fence import Fence, fence_of
 from shoal.search import LocalFrame, open_region
+from shoal.search.flight import separation
 from shoal.search.flight.separation import Separation, conflicts, nearest_approach, stagger_starts
 from shoal.search.flight.timing import Trajectory, trajectory
 from shoal.search.flight.vehicle import vehicle_of
@@ -276,6 +277,25 @@ def test_few_layers_and_layers_that_are_settled():
                     one, other, vertical=5.0, later=starts[j] - starts[k], tolerance=10.0
                 )
                 assert near is None or near.horizontal >= 10
+
+
+def test_pairs_of_legs_are_tested_before_too_many_are_gathered(monkeypatch):
+    """40 vehicles took more than a gibibyte."""
+    rng = np.random.default_rng(14)
+    flown = [random_flight(rng, 20) for _ in range(12)]
+    flights = [lambda layer, flight=flight: [flight] for flight in flown]
+    _, delays = stagger_starts(flights, Separation(), [0] * 12)
+    gathered, barred_delays = [], separation._barred_delays
+
+    def counted(near, *arguments):
+        gathered.append(sum(len(pairs[2]) for pairs in near))
+        return barred_delays(near, *arguments)
+
+    monkeypatch.setattr(separation, "_TOGETHER", 100)
+    monkeypatch.setattr(separation, "_barred_delays", counted)
+    assert stagger_starts(flights, Separation(), [0] * 12)[1].tolist() == delays.tolist()
+    assert max(gathered) <= 100 + 19 * 19
+    assert sum(gathered) > 10 * max(gathered)
 
 
 def test_fence_and_rally_points_are_read_by_other_programs(team, region, tmp_path):

@@ -219,6 +219,9 @@ def test_a_path_of_thousands_of_sorties_is_refused_before_the_first_is_flown(mon
         InvalidInputError, match="at most 300 sorties for robot 1, got a path of 2000"
     ):
         missions_of(lanes, None, vehicle="multirotor,endurance=2,reserve=0")
+    monkeypatch.setattr(Sorties, "_latest", lambda sorties, begin, **_: float(sorties.at[-1]))
+    monkeypatch.setattr(Sorties, "parts", lambda sorties: sorties._sections and [])
+    assert not missions_of(lanes, None, vehicle="multirotor,endurance=2,reserve=0", rate=20.0)
 
 
 def test_a_path_home_that_the_battery_does_not_allow_is_named_with_its_time():
