@@ -124,7 +124,7 @@ def test_a_region_is_searched_no_longer_than_the_budget():
     steer(problem, time=0.01)  # kernels are compiled
     begun = time.process_time()
     assert steer(problem, time=0.01).status in ("solved", "limit")
-    assert time.process_time() - begun < 1 * slowness()
+    assert time.process_time() - begun < slowness()
 
 
 @pytest.mark.parametrize("planner", ["fewest-moves", "shortest"])

@@ -606,9 +606,13 @@ def _link_costs(
     new = np.array([number for number, key in keys.items() if key not in known], dtype=np.int64)
     for some, count in ((np.flatnonzero(fixed), 1), (new, HEADINGS)):
         costs = np.empty((len(some), count, count)), np.empty((len(some), count, count), np.int8)
+        begins, ends = links[some], links[some] + 1
+        headings = poses.headings[:, :count]
         shortest_curves(
-            *(np.ascontiguousarray(poses.points[links[some] + end]) for end in (0, 1)),
-            *(np.ascontiguousarray(poses.headings[links[some] + end, :count]) for end in (0, 1)),
+            poses.points[begins],
+            poses.points[ends],
+            headings[begins],
+            headings[ends],
             radius,
             *costs,
         )

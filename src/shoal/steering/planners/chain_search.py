@@ -119,6 +119,8 @@ def _chains_on_flat_walls(query: ChainQuery, cycles: int, bound: float) -> Itera
 
 def _chains_on_round_wall(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     """Yield the shortest chain that starts from many guesses find, with contacts on a round wall."""
+    if query.late:
+        return
     guesses = list(_guesses(query, cycles))
     met: set[tuple[float, ...]] = set()
     on = np.full(cycles, len(query.walls.normals))
